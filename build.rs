@@ -39,13 +39,13 @@ fn hash(parts: &Parts) -> String {
     [0, 1].map(half).concat()
 }
 
-/// Adds the files to `parts`. Returns true if a change of any other file cannot matter.
+/// Adds the contents of the crate's files to `parts`. Returns true if the code depends on no other file.
 fn add_files(parts: &mut Parts) -> bool {
     let crate_folder = folder("CARGO_MANIFEST_DIR");
     add_file(parts, "own Cargo.toml", &crate_folder.join("Cargo.toml"));
     let sources = Some(crate_folder.join("src")).filter(|sources| sources.is_dir());
     let sources = sources.unwrap_or_else(|| crate_folder.clone());
-    // If a folder is given, cargo also notices new and deleted files in it.
+    // If cargo watches a folder, it also notices new and deleted files in the folder.
     println!("cargo::rerun-if-changed={}", sources.display());
     add_sources(parts, "", &sources);
     // Two workspaces matter: the one that is built, which contains the build folder, and the one that contains the crate.
@@ -138,7 +138,7 @@ fn add_file(parts: &mut Parts, name: &str, path: &Path) {
     parts.insert(name.to_owned(), fs::read(path).ok());
 }
 
-/// Adds the files of a source folder, except for the build folder if it is inside.
+/// Adds the files of a source folder, except for the build folder, if the source folder contains it.
 fn add_sources(parts: &mut Parts, within: &str, path: &Path) {
     for entry in fs::read_dir(path).into_iter().flatten().flatten() {
         let (path, name) = (entry.path(), entry.file_name());
@@ -182,7 +182,7 @@ fn packages(lock: &str) -> Packages<'_> {
 /// The dependencies of this crate. Those of a crate with an id are left out, because the id covers them.
 struct Dependencies<'l> {
     names: BTreeSet<&'l str>,
-    /// True if the lock file or an id covers each dependency. Otherwise an edit of a local copy could go unnoticed.
+    /// True if the lock file or an id covers each dependency. Otherwise an edit of a local dependency could go unnoticed.
     is_covered: bool,
 }
 

@@ -1,6 +1,6 @@
-//! Measures the time that a batch adds to its tasks, and the peak memory of the program. The tasks are of the doll's graph, and up to ten
-//! thousand of a small graph. Each batch runs three times: without cached results, a second time, which checks outputs that are too new to
-//! be trusted by their dates, and a third time without changes.
+//! Measures the time that a batch adds to its tasks, and the peak memory of the program. Batches of up to a thousand tasks run the example
+//! graph `doll.ron`, and batches of up to ten thousand tasks run a small graph. Each batch runs three times: first without cached results;
+//! then again, when it checks outputs that are too new to be trusted by their dates; and then a third time without changes.
 //!
 //! `cargo bench -p maquette-program --bench batch`
 

@@ -119,8 +119,8 @@ fn peers() -> Vec<(&'static str, Vec<OsString>)> {
     peers
 }
 
-/// The models of the published method: their name, the numbers of their vertices and of their missing vertices, the published time in
-/// seconds, and the case here that is similar in kind and size.
+/// The models in the paper of Kawai, Sato and Yokoya (2008): name, numbers of vertices and of missing vertices, published time in seconds,
+/// and the case here that is similar in kind and size.
 const MODELS: [(&str, [u32; 2], f64, &str); 3] = [
     ("A, smooth", [5122, 1094], 1304.0, "holes/smooth_blob"),
     ("B, sharp", [3329, 1432], 186.0, "holes/sharp_nut"),
@@ -246,7 +246,7 @@ fn fill_by(case: &Case, name: &str, command: &[OsString]) {
         let _ = writeln!(text, "{} {} {}", f[0], f[1], f[2]);
     });
     std::fs::write(&input, text).expect("a folder for temporary files");
-    // An original mesh that is open has an outer border, which is not a hole and is skipped.
+    // If the original mesh is open, it has an outer border. This border is not a hole, so the other program must skip it.
     let skipped = u8::from(case.truth.edges().faces.contains(&1)).to_string();
     let run = Command::new(&command[0])
         .args(&command[1..])

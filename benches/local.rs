@@ -105,7 +105,7 @@ fn load(path: &Path, parameters: &[(&str, f64)]) -> Graph {
     graph.unwrap_or_else(|| panic!("{}", problems[0].message))
 }
 
-/// Writes the doll's graph with additional nodes that move vertices.
+/// Writes the example graph `doll.ron` with additional nodes that move vertices.
 fn project() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     fs::create_dir(folder.path().join("doll")).expect("a folder");
@@ -206,7 +206,7 @@ fn warm_up() {
 
 /// Returns two medians in milliseconds: the time of a node to update its result for a changed input, and to compute it again.
 fn time_updates(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> [f64; 2] {
-    // The memory limit is high, because memory that values share is counted for each of them.
+    // The memory limit is high, because memory that several values share is counted once for each of them.
     let mut own = Evaluator::new(2, 16 << 30).expect("threads");
     let mut times = [Vec::new(), Vec::new()];
     warm_up();
@@ -233,7 +233,7 @@ fn time_updates(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> [f64;
     times.map(median)
 }
 
-/// Prints the times of nodes after the surface when some of its vertices move, and of blending when the nose grows.
+/// Prints the times of nodes that depend on the surface when some of its vertices move, and the times of blending when the nose grows.
 fn followers(path: &Path) {
     fn row(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> String {
         let [followed, anew] = time_updates(node, from, graph);

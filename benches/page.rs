@@ -105,7 +105,7 @@ fn sheet(side: usize) -> Watch {
     Watch::start(folder, text)
 }
 
-/// Starts a watch of the doll with this number of subdivision levels.
+/// Starts a watch of the example graph `doll.ron` with this number of subdivision levels.
 fn doll(levels: usize) -> Watch {
     let folder = tempfile::tempdir().expect("a temporary folder");
     std::fs::create_dir(folder.path().join("doll")).expect("a folder");
@@ -184,8 +184,8 @@ fn slide(browser: &mut Browser, value: u32) -> f64 {
     moved.as_f64().expect("a time")
 }
 
-/// Measures the memory before and after 500 edits. 300 edits come first, after which the page keeps as much as it may. The program reaches
-/// its maximum a little later.
+/// Measures the memory before and after 500 edits. 300 other edits come first, so that the page already keeps as much data as its limit
+/// allows. The program reaches its own limit a little later.
 fn memory(browser: &mut Browser, watch: &mut Watch) {
     fn heap_size(browser: &mut Browser) -> [f64; 2] {
         browser.call("HeapProfiler.collectGarbage", json!({}));
@@ -254,8 +254,8 @@ fn local(browser: &mut Browser) {
     ));
 }
 
-/// Returns the time in milliseconds from the message of the last drawn value until its data is in the buffers, and the number of bytes
-/// received.
+/// Returns two numbers about the last drawn value: the milliseconds from its message until its data is in the buffers of the graphics card,
+/// and the number of bytes received.
 fn last_value(browser: &mut Browser) -> [f64; 2] {
     let measure = "(() => { const [it] = performance.getEntriesByName('value'); \
                    return [it.duration, it.detail.bytes]; })()";
@@ -263,8 +263,8 @@ fn last_value(browser: &mut Browser) -> [f64; 2] {
     [0, 1].map(|k| measured[k].as_f64().expect("a number"))
 }
 
-/// Measures when a page is notified of the doll's growing nose under four levels of subdivision. The page does not draw, because this would
-/// take all cores without a graphics card.
+/// Measures when a page is notified that the nose of the example graph `doll.ron` grows, under four levels of subdivision. The page does
+/// not draw, because drawing without a graphics card would take all cores.
 fn measure_messages() {
     let watch = doll(4);
     let mut page = Page::open(&watch);
@@ -280,7 +280,7 @@ fn measure_messages() {
     say_times("from a move of a slider to its message", drags);
 }
 
-/// Measures the growing nose in a browser, which draws it.
+/// Measures the growing nose of the doll, with 10.8 million triangles, in a browser that draws it.
 fn ten_million(browser: &mut Browser) {
     let watch = doll(4);
     let start = now();

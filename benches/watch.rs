@@ -34,7 +34,7 @@ fn say(line: &str) {
     writeln!(std::io::stdout(), "{line}").expect("stdout is open");
 }
 
-/// A watch of a copy of the doll's graph, and its events with their times of arrival.
+/// A watch of a copy of the example graph `doll.ron`, and its events with their times of arrival.
 struct Watch {
     folder: tempfile::TempDir,
     text: String,
@@ -97,7 +97,7 @@ impl Watch {
         self.folder.path().join("doll.ron")
     }
 
-    /// Returns the doll's graph with this value of `growth`. Above 40 the value is an error.
+    /// Returns the text of the example graph `doll.ron` with this value of `growth`. A value above 40 is an error.
     fn with_growth(&self, growth: f64) -> String {
         self.text.replace("default: 12.0", &format!("default: {growth:.4}"))
     }

@@ -22,7 +22,7 @@ struct Counting;
 
 static NOW: AtomicUsize = AtomicUsize::new(0);
 
-/// The maximum of `NOW`, the number of allocated bytes, since it was last reset.
+/// The maximum of `NOW` since `PEAK` was last reset. `NOW` is the number of allocated bytes.
 static PEAK: AtomicUsize = AtomicUsize::new(0);
 
 fn add(bytes: usize) {
@@ -108,7 +108,7 @@ fn results_hold_no_more_than_they_may() {
     }
 }
 
-/// Records the maximum of additionally allocated bytes during each node.
+/// Records, for each node, the maximum number of bytes that were allocated in addition while the node ran.
 #[derive(Default)]
 struct Peaks {
     began: AtomicUsize,
@@ -196,7 +196,7 @@ const LARGE: [&str; 27] = [
     r##""red": Threshold(image: "scan.color", select: Near(color: "#c33923", distance: 30.0)), "spots": Label(mask: "red"), "nose": ExtractRegion(labels: "spots", range: "scan.range"), "points": ControlNet(region: "nose", range: "scan.range"), "surface": Nurbs(net: "points"), "a": Blend(range: "scan.range", region: "nose", surface: "surface", resample: (8, 8))"##,
 ];
 
-/// The memory that a node uses may be at most 1.1 times its estimate, and at least a quarter of the estimate.
+/// Checks that each node uses at most 1.1 times its memory estimate, and at least a quarter of the estimate.
 #[test]
 fn nodes_need_about_as_much_as_they_say() {
     let _alone = lock_memory();
@@ -214,7 +214,7 @@ fn nodes_need_about_as_much_as_they_say() {
     assert!(kinds.len() > 10, "{kinds:?}");
 }
 
-/// The nodes of the examples are small, so constant allocations are allowed in addition.
+/// Checks the estimates of the nodes in the example graphs. These nodes are small, so a constant amount of memory is allowed in addition.
 #[test]
 fn nodes_of_examples_need_no_more_than_they_say() {
     let _alone = lock_memory();

@@ -60,8 +60,8 @@ pub(crate) fn cases() -> Vec<Case> {
     cases
 }
 
-/// Holes that are cut out of complete meshes: the file, the vertex in the middle, and the number of rings of vertices around it. They were
-/// not selected by their results.
+/// Holes that are cut out of complete meshes: the file, the vertex in the middle of the hole, and the number of rings of vertices around
+/// it. The holes were chosen before any results were known.
 const CUT: [(&str, u32, usize); 6] = [
     ("meshes/spot/spot_triangulated.obj", 1000, 8),
     ("meshes/penguin/penguin.obj", 1500, 9),
@@ -238,7 +238,7 @@ fn remove_vertices(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) 
         let before = kept.len();
         kept.retain(|face| face.iter().all(|&vertex| ends[vertex as usize] <= 2));
         if kept.len() == before {
-            // Fragments without any inner vertex are removed, too: they would be loose pieces in the hole.
+            // Fragments without any inner vertex are removed, too, because they would be loose pieces in the hole.
             let mut is_held: Vec<bool> = ends.iter().map(|&ways| ways == 0).collect();
             fn holds(held: &[bool], face: &[u32; 3]) -> bool {
                 face.iter().any(|&v| held[v as usize])

@@ -66,7 +66,7 @@ pub(crate) struct Character {
 }
 
 /// Returns three ratios: filled part to original part, filled part to neighborhood, and original part to neighborhood. The neighborhood is
-/// the data in as many rings around the hole as the hole's diameter has.
+/// a zone of existing vertices around the hole. It is as many rings of vertices wide as the diameter of the hole.
 pub(crate) fn characters(case: &Case, filled: &Mesh) -> [Character; 3] {
     let data = case.holed.positions().len();
     let new = |vertex: usize| data <= vertex;
@@ -85,7 +85,8 @@ pub(crate) fn characters(case: &Case, filled: &Mesh) -> [Character; 3] {
     [ratio(&own, &there), ratio(&own, &near), ratio(&there, &near)]
 }
 
-/// Marks the vertices of the original in the neighborhood of the removed part: as many rings around it as its diameter has.
+/// Marks the vertices of the original mesh in the neighborhood of the removed part, a zone that is as many rings of vertices wide as the
+/// diameter of this part.
 fn neighborhood(case: &Case) -> Vec<bool> {
     let data = case.holed.positions().len();
     let edges = case.truth.edges().vertices;

@@ -71,7 +71,7 @@ fn repeat(work: &str, folder: &Path) {
         "fill" => {
             let mesh = mesh(folder, "hole");
             let (holes, method) = (HoleChoice::All, FillMethod::ThinPlate);
-            // The number of border edges, which is 0 if the hole is filled.
+            // Returns the number of border edges, which is 0 if the hole is filled.
             fn open(mesh: &Mesh) -> usize {
                 mesh.edges().faces.iter().filter(|&&faces| faces == 1).count()
             }
@@ -146,7 +146,7 @@ fn repeat(work: &str, folder: &Path) {
     }
 }
 
-/// The length of edges after remeshing, in units of the mesh.
+/// The target length of edges for remeshing, in units of the mesh.
 const EVEN_LENGTH: f64 = 0.06;
 
 /// Simplifies a mesh to a tenth of its faces.
@@ -158,7 +158,8 @@ fn coarse(mesh: &Mesh) {
     );
 }
 
-/// Does the task once and prints the check, and then once for each line on stdin, printing the milliseconds.
+/// Runs the task once and prints its check, a number that is compared with the peers' result. Then runs the task once for each line on
+/// stdin and prints the milliseconds.
 fn serve<T>(run: impl Fn() -> T, check: impl Fn(&T) -> f64) {
     answer(check(&run()));
     for _ in std::io::stdin().lines() {
@@ -175,15 +176,15 @@ fn answer(number: f64) {
     std::io::stdout().flush().expect("the program that asks is there");
 }
 
-/// Selects the pixels whose channels differ by at most 30 levels from the color in `make_inputs.py`.
+/// Selects the pixels of which no channel differs by more than 30 levels from the color (205, 62, 48), the color in `make_inputs.py`.
 fn red(image: &Image) -> maquette::value::Mask {
     let [low, high] = [-30.0, 30.0].map(|step| [205.0, 62.0, 48.0].map(|c| c + step));
     threshold(image, None, &Select::Box { space: Space::Rgb, low, high }, false)
         .expect("a box fits every picture")
 }
 
-/// The peers' thresholds 100 and 200 apply to the sums of Sobel's operator, which are eight times the levels per pixel. So 200 corresponds
-/// to 25 here.
+/// Finds edges with Sobel's operator. The peers' thresholds 100 and 200 are for sums that are eight times the levels per pixel that are
+/// used here, so 200 corresponds to 25.
 fn edges_above(folder: &Path, high: High) {
     let gray = Picture::Image(image(folder, "seg_grey", |&[level]| [level; 3]));
     serve(
@@ -321,7 +322,7 @@ fn squares(mesh: &Mesh) -> f64 {
     mesh.positions().iter().map(|point| point.x * point.x).sum()
 }
 
-/// Standard deviations of the handles in the task `ffd-near`, relative to those in the other tasks.
+/// A factor for the standard deviations of the handles in the task `ffd-near`. The other tasks use the factor 1.
 const NARROW: f64 = 1.0 / 3.0;
 
 fn deform(folder: &Path, count: usize, narrower: f64, accuracy: f64) {
@@ -337,7 +338,7 @@ fn deform(folder: &Path, count: usize, narrower: f64, accuracy: f64) {
     );
 }
 
-/// Moves the handle with the index 21 a little farther than its own target.
+/// Drags the handle with the index 21: moves its target by (0.01, 0.02, 0.03).
 fn drag(folder: &Path) {
     let handles = handles(folder, 64, 1.0);
     let drag =

@@ -14,7 +14,7 @@ pub enum AlignError {
     /// There are fewer than two scans.
     #[error("expected at least 2 scans, found {count}")]
     TooFewScans {
-        /// The number of scans.
+        /// The number of given scans.
         count: usize,
     },
     /// A scan has too few different points.
@@ -64,7 +64,7 @@ pub enum AlignError {
     /// There are fewer than three pairs of points.
     #[error("expected at least 3 pairs of points, found {count}")]
     TooFewPairs {
-        /// The number of pairs.
+        /// The number of given pairs.
         count: usize,
     },
     /// The points of the pairs are on a line, which leaves a rotation undetermined.

@@ -22,19 +22,19 @@ pub struct PairFit {
     pub point: f64,
 }
 
-/// An error of [`Alignment::new`].
+/// Reasons why motions and fits are not a valid alignment.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum AlignmentError {
     /// A motion is not rigid, or not finite.
     #[error("the motion of scan {scan} is not rigid")]
     NotRigid {
-        /// The scan, from 1.
+        /// The number of the scan, from 1.
         scan: usize,
     },
-    /// A pair has the number of a scan that does not exist.
+    /// A pair refers to a scan that does not exist.
     #[error("pair {pair} has an unknown scan")]
     NoScan {
-        /// The pair, from 1.
+        /// The number of the pair, from 1.
         pair: usize,
     },
 }

@@ -15,7 +15,7 @@ use super::align_error::AlignError;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cloud {
     pub(super) positions: Vec<Point3<f64>>,
-    /// Unit normals.
+    /// Unit normals of the points.
     pub(super) normals: Vec<Vector3<f64>>,
     /// Marks the points at the rim of the surface.
     pub(super) rim: Vec<bool>,

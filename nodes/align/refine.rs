@@ -37,7 +37,7 @@ impl Level {
     }
 }
 
-/// The result of [`refine`].
+/// The refined poses of all scans, and the quality of their fit.
 pub(super) struct Refinement {
     pub(super) poses: Vec<Isometry3<f64>>,
     /// The contact of each pair of scans.
@@ -117,7 +117,7 @@ pub(super) fn refine(
     }
 }
 
-/// Two corresponding points.
+/// A point of one scan and the corresponding point of another scan.
 #[derive(Clone, Copy)]
 struct Match {
     /// The midpoint between the two points.

@@ -85,9 +85,9 @@ enum Step {
     Farther,
 }
 
-/// Finds the flying pixels of a range image. A flying pixel is a cell between two opposite neighbors, one steeply in front and the other
-/// steeply behind, or a cell connected to fewer than `neighbors` neighbors. A step is steep if every surface through both points has a
-/// normal more than `angle` degrees off the line of sight. A cell without a point is not a flying pixel.
+/// Returns, for each cell of a range image, true if it is a flying pixel. A flying pixel is a cell between two opposite neighbors, one
+/// steeply in front and the other steeply behind, or a cell connected to fewer than `neighbors` neighbors. A step is steep if every surface
+/// through both points has a normal more than `angle` degrees off the line of sight. A cell without a point is not a flying pixel.
 ///
 /// The angle is that of Tang, Huber and Akinci, "A comparative analysis of depth-discontinuity and mixed-pixel detection algorithms"
 /// (2007), section 3. The signs of the two steps distinguish a cell between two surfaces from a cell at the edge of one.

@@ -16,7 +16,7 @@ pub enum RemeshError {
     /// Some edges have more than two faces.
     #[error("{edges} edges have more than two faces: the mesh is not a surface there")]
     Crowded {
-        /// The number of edges.
+        /// The number of edges with more than two faces.
         edges: usize,
     },
     /// Adjacent faces have inconsistent orientations.
@@ -24,7 +24,7 @@ pub enum RemeshError {
         "{edges} edges have faces with different orientations; use `Orient` to make them consistent"
     )]
     Twisted {
-        /// The number of edges.
+        /// The number of edges whose faces have different orientations.
         edges: usize,
     },
     /// The result would have too many triangles for the memory.

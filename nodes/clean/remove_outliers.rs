@@ -102,7 +102,7 @@ impl Node for RemoveOutliers {
     }
 }
 
-/// Finds the isolated points of a scan. A cell without a point is not isolated.
+/// Returns, for each point of a scan, true if it is isolated. A cell without a point is not isolated.
 ///
 /// `Spread` is the statistical removal of Rusu, Marton, Blodow, Dolha and Beetz, "Towards 3D point cloud based object maps for household
 /// environments" (2008), section 4.1. The cost is O(n log n).

@@ -109,12 +109,12 @@ impl Node for Bake {
     }
 }
 
-/// The result of baking.
+/// A mesh with a texture baked from captures.
 #[derive(Clone, Debug)]
 pub struct BakedMesh {
     /// The mesh with its texture.
     pub mesh: Mesh,
-    /// The texture.
+    /// The baked texture.
     pub picture: Image,
     /// The texels that no capture sees.
     pub mask: Mask,

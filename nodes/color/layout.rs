@@ -70,7 +70,7 @@ pub enum LayoutError {
     /// All faces have zero area.
     #[error("all {faces} faces of the mesh have zero area: nothing can be laid out")]
     NoArea {
-        /// The number of faces.
+        /// The number of the mesh's faces.
         faces: usize,
     },
     /// The size of the mesh overflows.
@@ -88,16 +88,16 @@ pub enum LayoutError {
         what: &'static str,
         /// The value of the parameter.
         value: f64,
-        /// The allowed range.
+        /// The allowed range of the value.
         must: &'static str,
     },
-    /// Too many charts.
+    /// The charts, with their padding, do not fit into the atlas.
     #[error(
         "{charts} charts with a padding of {padding} px do not fit into {size} x {size} px: choose a larger `size` or `bend`, or a \
          smaller `padding`"
     )]
     Full {
-        /// The number of charts.
+        /// The number of charts that the atlas should contain.
         charts: usize,
         /// The padding: texels between charts.
         padding: usize,
@@ -155,9 +155,9 @@ impl Layout {
 pub struct LaidOut {
     /// The mesh with `uv` at its corners, and without a texture, which would no longer fit.
     pub mesh: Mesh,
-    /// The number of charts.
+    /// The number of charts of the mesh.
     pub charts: usize,
-    /// Texels per mm.
+    /// Scale of the layout: texels per mm of the surface.
     pub scale: f64,
 }
 

@@ -45,7 +45,7 @@ pub enum TextureToColorsError {
         "the mesh has no texture coordinates `uv`, by which its {vertices} vertices could find their colors in the picture"
     )]
     NoCoordinates {
-        /// The number of vertices.
+        /// The number of the mesh's vertices.
         vertices: usize,
     },
     /// The texture is too large.

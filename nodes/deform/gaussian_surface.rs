@@ -66,10 +66,10 @@ fn default_weight() -> f64 {
 /// The reason why control points define no surface.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GaussianSurfaceError {
-    /// No points.
+    /// There are no control points.
     #[error("a surface needs at least one control point")]
     NoPoints,
-    /// No quads.
+    /// The number of quads along u or v is 0.
     #[error("expected at least 1 x 1 quads, found {u} x {v}")]
     NoQuads {
         /// The number of quads along u.
@@ -77,13 +77,13 @@ pub enum GaussianSurfaceError {
         /// The number of quads along v.
         v: usize,
     },
-    /// Too many quads.
+    /// The surface would have too many quads.
     #[error(transparent)]
     LimitExceeded(#[from] LimitError),
-    /// Points that are not valid, or that the surface cannot pass through.
+    /// The control points are not valid, or no surface can pass through all of them.
     #[error(transparent)]
     Points(#[from] FfdError),
-    /// A mesh that is not finite.
+    /// A position of the mesh is not finite.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }

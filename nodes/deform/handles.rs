@@ -86,27 +86,27 @@ pub enum HandleRegion {
 /// The reason why no handles can be placed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PlaceHandlesError {
-    /// An object without points.
+    /// The object has no points.
     #[error("the object has no points to place handles on")]
     NoPoints,
-    /// A region without points.
+    /// The region contains no points of the object.
     #[error("the region contains no point of the object")]
     EmptyRegion,
     /// The number of handles is 0, or too large.
     #[error("expected 1 to {max} handles, found {count}")]
     Count {
-        /// The requested number.
+        /// The requested number of handles.
         count: usize,
-        /// The maximum number.
+        /// The maximum number of handles.
         max: usize,
     },
-    /// An attribute that does not exist or is not a number per vertex.
+    /// The attribute does not exist or is not a number per vertex.
     #[error("the object has no attribute `{name}` of one number per vertex")]
     NoAttribute {
         /// The name of the attribute.
         name: String,
     },
-    /// Handles that are not valid.
+    /// The handles are not valid.
     #[error(transparent)]
     Handles(#[from] HandlesError),
     /// The evaluation was cancelled.

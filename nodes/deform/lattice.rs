@@ -38,16 +38,16 @@ fn default_samples() -> usize {
 /// The reason why there is no lattice.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LatticeError {
-    /// An object without points.
+    /// The object has no points.
     #[error("the object has no points and therefore no box")]
     NoPoints,
-    /// No cells or points, or too many.
+    /// The number of cells or of points per side of a cell is out of range.
     #[error("expected 1 to 64 cells along each axis, and 1 to 64 points per cell side")]
     Size,
-    /// Too many points.
+    /// The polyline would have too many points.
     #[error(transparent)]
     LimitExceeded(#[from] LimitError),
-    /// A box that is too large.
+    /// The box is too large for the coordinates of a curve.
     #[error(transparent)]
     Curve(#[from] CurveError),
 }

@@ -24,13 +24,13 @@ pub struct ReadHandles {
 /// The reason why no handles can be read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ReadHandlesError {
-    /// A file of another format.
+    /// The file has an unsupported format.
     #[error("unknown extension `.{extension}` of a file of handles; expected ron, json or csv")]
     Extension {
         /// The extension of the file name, without the dot.
         extension: String,
     },
-    /// A file without valid handles.
+    /// The file has no valid handles.
     #[error(transparent)]
     File(#[from] HandlesFileError),
 }

@@ -131,7 +131,7 @@ fn deform_point(handles: &[Handle], mode: Mode, point: Point3<f64>) -> (Point3<f
     (result[0], jacobian[0])
 }
 
-/// All modes.
+/// All modes of a deformation.
 const MODES: [Mode; 3] = [Mode::Displacement, Mode::Absolute, Mode::Affine];
 
 #[test]

@@ -38,18 +38,18 @@ pub enum TubeError {
         "expected a radius greater than 0 and 3 to 256 sides, found {radius} mm and {sides} sides"
     )]
     Size {
-        /// The radius in mm.
+        /// The given radius in mm.
         radius: f64,
-        /// The number of sides.
+        /// The given number of sides.
         sides: usize,
     },
     /// A curve whose points all coincide.
     #[error("the curve has no length")]
     NoLength,
-    /// Too many vertices.
+    /// The tube would have too many vertices.
     #[error(transparent)]
     LimitExceeded(#[from] LimitError),
-    /// An error of the mesh.
+    /// The tube's mesh is not valid.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }

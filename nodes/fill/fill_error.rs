@@ -27,24 +27,24 @@ pub enum FillError {
         /// The first vertices at which separate fans of faces would touch.
         vertices: Vec<u32>,
     },
-    /// A rim number that does not exist.
+    /// A chosen rim number does not exist.
     #[error("the mesh has no rim {number}: it has {count} rims, numbered from 0")]
     NoRim {
-        /// The number of the rim.
+        /// The chosen rim number.
         number: usize,
         /// The number of rims of the mesh.
         count: usize,
     },
-    /// An attribute that does not exist or is not a flag or number.
+    /// The chosen attribute does not exist, or is not a flag or number.
     #[error(transparent)]
     NoMarks(#[from] MissingMarks),
-    /// A hole whose fill would have too many triangles.
+    /// The fill of a hole would have too many triangles.
     #[error(transparent)]
     LimitExceeded(#[from] LimitError),
-    /// Too many vertices or faces.
+    /// The filled mesh would have too many vertices or faces.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// A trace that is not valid.
+    /// The trace of the fill is not valid.
     #[error(transparent)]
     Trace(#[from] TraceError),
     /// The evaluation was cancelled.

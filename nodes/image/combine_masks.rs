@@ -32,15 +32,15 @@ pub enum CombineMode {
     Xor,
 }
 
-/// Error of combining masks.
+/// Reasons why masks cannot be combined.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CombineMasksError {
     /// The masks differ in size.
     #[error("the masks must have the same size: `a` has {a:?} pixels, `b` has {b:?}")]
     Size {
-        /// The first mask's size.
+        /// Width and height of the first mask, in pixels.
         a: [usize; 2],
-        /// The second mask's size.
+        /// Width and height of the second mask, in pixels.
         b: [usize; 2],
     },
 }

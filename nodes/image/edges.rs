@@ -59,15 +59,15 @@ impl Default for High {
     }
 }
 
-/// Error of finding edges.
+/// Reasons why edges cannot be found.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EdgesError {
     /// The mask has another size than the picture.
     #[error("the mask `within` has {mask:?} pixels, but the picture has {picture:?}")]
     Size {
-        /// The mask's size.
+        /// Width and height of the mask, in pixels.
         mask: [usize; 2],
-        /// The picture's size.
+        /// Width and height of the picture, in pixels.
         picture: [usize; 2],
     },
 }

@@ -8,7 +8,7 @@ maquette_node::union! {
 }
 
 impl Picture {
-    /// Width and height.
+    /// Returns the width and height in pixels.
     pub fn size(&self) -> [usize; 2] {
         match self {
             Self::Image(image) => [image.width(), image.height()],

@@ -12,17 +12,17 @@ pub enum PictureError {
         column: u32,
         /// The row of the pixel.
         row: u32,
-        /// The picture's width.
+        /// The width of the picture, in pixels.
         width: usize,
-        /// The picture's height.
+        /// The height of the picture, in pixels.
         height: usize,
     },
     /// The mask has another size than the picture.
     #[error("the mask `within` has {mask:?} pixels, but the picture has {image:?}")]
     Size {
-        /// The mask's size.
+        /// Width and height of the mask, in pixels.
         mask: [usize; 2],
-        /// The picture's size.
+        /// Width and height of the picture, in pixels.
         image: [usize; 2],
     },
 }

@@ -40,9 +40,9 @@ pub enum ThinError {
     /// The field has another size than the mask.
     #[error("the field `keep` has {keep:?} pixels, but the mask has {mask:?}")]
     Size {
-        /// The field's size.
+        /// Width and height of the field, in pixels.
         keep: [usize; 2],
-        /// The mask's size.
+        /// Width and height of the mask, in pixels.
         mask: [usize; 2],
     },
 }
@@ -248,7 +248,8 @@ const fn can_go(neighborhood: u8) -> bool {
     yokoi == 1 && neighborhood.count_ones() > 1
 }
 
-/// Checks the conditions (a) to (d) of Zhang and Suen, whose neighbors P2 to P9 are bits 0 to 7.
+/// Returns true if a pixel with this neighborhood is removed in the given pass: checks the conditions (a) to (d) of Zhang and Suen, whose
+/// neighbors P2 to P9 are bits 0 to 7.
 fn zhang_suen(neighborhood: u8, pass: usize) -> bool {
     let starts = neighborhood & !neighborhood.rotate_left(1);
     fn has_all(bits: u8, neighborhood: u8) -> bool {
@@ -268,8 +269,8 @@ fn zhang_suen(neighborhood: u8, pass: usize) -> bool {
     (2..=6).contains(&neighborhood.count_ones()) && starts.count_ones() == 1 && !stays
 }
 
-/// Checks the conditions of Guo and Hall's algorithm A1, whose neighbors P1 to P8 are counted clockwise from the upper left: here bits 7,
-/// 0, 1, ... 6.
+/// Returns true if a pixel with this neighborhood is removed in the given pass: checks the conditions of Guo and Hall's algorithm A1, whose
+/// neighbors P1 to P8 are counted clockwise from the upper left: here bits 7, 0, 1, ... 6.
 fn guo_hall(neighborhood: u8, pass: usize) -> bool {
     let [n, ne, e, se, s, sw, w, nw] = std::array::from_fn(|k| neighborhood >> k & 1 == 1);
     fn count(conditions: [bool; 4]) -> usize {

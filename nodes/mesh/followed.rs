@@ -10,7 +10,7 @@ use maquette_value::{Attribute, Mesh, MovedRows};
 
 use super::motion::Motion;
 
-/// An input mesh of a merged or transformed mesh: its last and its current state.
+/// An input of a merge or a transform: a mesh in its last and in its current state.
 pub(super) struct Part<'a> {
     pub(super) before: &'a Mesh,
     pub(super) now: &'a Mesh,

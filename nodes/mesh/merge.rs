@@ -325,7 +325,7 @@ fn concatenate<'a>(parts: &[(&'a Attributes, usize)]) -> Vec<(&'a str, Attribute
         .collect()
 }
 
-/// Concatenates columns of one type. Returns `None` if the types differ, or if a column is missing that does not contain flags.
+/// Concatenates columns of one type. Returns `None` if the types differ, or if a column is missing and the others do not contain flags.
 fn join(columns: &[(Option<&Attribute>, usize)]) -> Option<Attribute> {
     macro_rules! join {
         ($kind:ident, $absent:expr) => {{

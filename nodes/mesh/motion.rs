@@ -35,9 +35,9 @@ pub enum TransformError {
 /// A linear map and a translation: `moved = linear * point + shift`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
-    /// Rotation and scale.
+    /// The linear map: scale, then rotation.
     pub linear: Matrix3<f64>,
-    /// Translation, in mm.
+    /// The translation that follows the linear map, in mm.
     pub shift: Vector3<f64>,
 }
 

@@ -91,7 +91,7 @@ impl Node for Orient {
     }
 }
 
-/// The result of orienting a mesh.
+/// An oriented mesh, and the numbers of parts and edges that could not be handled.
 pub struct OrientedMesh {
     /// The mesh with its faces oriented.
     pub mesh: Mesh,

@@ -87,9 +87,9 @@ pub enum PrimitiveError {
     /// The number of sides is out of range.
     #[error("`sides` is {sides}, but must be {must}")]
     Sides {
-        /// The number.
+        /// The requested number of sides.
         sides: u32,
-        /// The allowed range.
+        /// The allowed range of the number.
         must: &'static str,
     },
     /// The positions exceed the largest coordinate of a mesh.

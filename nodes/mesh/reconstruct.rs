@@ -87,7 +87,7 @@ pub enum ReconstructError {
     /// The list of sources is empty.
     #[error("the list `points` is empty, so there is nothing to reconstruct")]
     NoSource,
-    /// Too few points.
+    /// The sources have too few distinct points to enclose a volume.
     #[error("there are only {count} different points, but a surface needs at least {MIN_POINTS}")]
     TooFew {
         /// The number of distinct points.
@@ -106,7 +106,7 @@ pub enum ReconstructError {
         what: &'static str,
         /// The value that is out of range.
         value: f64,
-        /// The allowed range.
+        /// The allowed range of the value.
         must: &'static str,
     },
     /// The coordinates are too far apart.
@@ -114,7 +114,7 @@ pub enum ReconstructError {
         "the points are too far from the origin, or too near to or far from each other, to be measured"
     )]
     Far,
-    /// The result is empty.
+    /// The result has no faces.
     #[error(
         "no surface is left near the points: their normals are inconsistent, or `reach` or `spacing` is unsuitable for them"
     )]
@@ -125,7 +125,7 @@ pub enum ReconstructError {
     /// The result would not fit into memory.
     #[error(transparent)]
     TooMuch(#[from] LimitError),
-    /// Too many vertices.
+    /// The result has too many vertices for a mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
     /// The evaluation was cancelled.
@@ -268,7 +268,7 @@ pub fn reconstruct(
     }
     let (poses, frame) = place_sources(sources, poses)?;
     let count: usize = sources.iter().map(count).sum();
-    POINTS.check("the skin", count as f64)?;
+    POINTS.check("the surface", count as f64)?;
     let cloud = Cloud::new(sources, &poses, options.normals == Normals::Given);
     let pieces = Pieces::new(&cloud, options, progress)?;
     let field = progress.part(0.3..0.7, |progress| {

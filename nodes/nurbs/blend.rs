@@ -90,7 +90,7 @@ impl Node for Blend {
 /// The result of a blend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlendedRange {
-    /// The range image.
+    /// The range image with the surface in its cells.
     pub range: RangeImage,
     /// The number of changed cells that the sensor could no longer see.
     pub folded: usize,

@@ -32,7 +32,7 @@ pub enum BlendError {
     /// The division factors are invalid.
     #[error("cells cannot be divided by {factors:?}: the factors are 1 or more")]
     Resample {
-        /// The factors.
+        /// The requested factors: smaller rows and smaller columns per cell.
         factors: [usize; 2],
     },
     /// The finer grid would have too many cells.

@@ -13,19 +13,19 @@ pub enum FitError {
         "{control} control points along {along:?} do not fit: there are {points} points, and order {order} needs {order} of both"
     )]
     Count {
-        /// The direction.
+        /// The parameter direction of the surface, u or v.
         along: ParameterDirection,
-        /// The number of control points.
+        /// The requested number of control points.
         control: usize,
-        /// The number of points.
+        /// The number of points to fit in this direction.
         points: usize,
-        /// The order.
+        /// The order in this direction.
         order: usize,
     },
     /// The equations have no unique solution.
     #[error("the points along {along:?} do not determine the surface: some coincide")]
     Singular {
-        /// The direction.
+        /// The parameter direction of the surface, u or v.
         along: ParameterDirection,
     },
     /// The parameters lead to no valid knots.

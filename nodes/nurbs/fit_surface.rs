@@ -39,7 +39,7 @@ fn default_orders() -> [usize; 2] {
 /// A surface fitted to points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedSurface {
-    /// The surface.
+    /// The fitted surface.
     pub surface: Surface,
     /// Largest step in mm of a control point in the last round of an iteration that did not converge; 0 if all iterations converged.
     pub unsettled: f64,

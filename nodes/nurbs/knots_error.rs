@@ -5,14 +5,14 @@ use maquette_value::{KnotVectorError, ParameterDirection};
 /// Reasons why a knot vector cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum KnotsError {
-    /// Too few control points.
+    /// The net has too few control points for the order.
     #[error(
         "order {order} along {along:?} needs at least {order} control points, the net has {points}"
     )]
     TooFew {
-        /// The order.
+        /// The requested order.
         order: usize,
-        /// The direction.
+        /// The parameter direction of the surface, u or v.
         along: ParameterDirection,
         /// The number of control points in this direction.
         points: usize,
@@ -22,9 +22,9 @@ pub enum KnotsError {
         "`Cylinder` is for 9 control points and order 3, here are {points} along {along:?} and order {order}"
     )]
     NotCylinder {
-        /// The order.
+        /// The requested order.
         order: usize,
-        /// The direction.
+        /// The parameter direction of the surface, u or v.
         along: ParameterDirection,
         /// The number of control points in this direction.
         points: usize,
@@ -32,7 +32,7 @@ pub enum KnotsError {
     /// The list of knots has the wrong length.
     #[error("{points} control points of order {order} need {} knots, {count} are given", points + order)]
     Count {
-        /// The order.
+        /// The requested order.
         order: usize,
         /// The number of control points in this direction.
         points: usize,

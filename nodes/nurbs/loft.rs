@@ -54,7 +54,7 @@ pub enum LoftError {
         /// The requested number of columns, or the points of the longest section.
         columns: usize,
     },
-    /// Too many points.
+    /// The net would have too many points.
     #[error(transparent)]
     TooMuch(#[from] LimitError),
     /// The points do not form a valid net.

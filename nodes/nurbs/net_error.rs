@@ -29,7 +29,7 @@ pub enum NetError {
     /// The order is out of range.
     #[error("expected an order from 2 to 10, found {order}")]
     Order {
-        /// The order.
+        /// The requested order.
         order: usize,
     },
     /// The closed net has too few columns.

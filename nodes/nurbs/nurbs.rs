@@ -31,9 +31,9 @@ pub enum NurbsError {
     /// The given order differs from the order of the linked knots.
     #[error("`order` is {order} along {along:?}, but the linked knots are of order {knots}")]
     Order {
-        /// The direction.
+        /// The parameter direction of the surface, u or v.
         along: ParameterDirection,
-        /// The parameter.
+        /// The order given by the node's parameter `order`.
         order: usize,
         /// The order of the linked knots.
         knots: usize,

@@ -33,10 +33,10 @@ pub enum TessellateError {
     /// Both a number of quads and a tolerance are given.
     #[error("`tolerance` chooses the quads itself: leave `u` and `v` out")]
     Both,
-    /// Too many quads.
+    /// The mesh would have too many quads.
     #[error(transparent)]
     TooMuch(#[from] LimitError),
-    /// The mesh is invalid.
+    /// The mesh of the surface is invalid.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }

@@ -46,9 +46,9 @@ pub enum WeightsError {
     /// The number of factors does not match the net.
     #[error("{factors} factors are given for {count} {what}")]
     Count {
-        /// `rows` or `columns`.
+        /// The parameter with the wrong number of factors: `rows` or `columns`.
         what: &'static str,
-        /// The number of factors.
+        /// The number of factors in the list.
         factors: usize,
         /// The number of rows or columns of the net.
         count: usize,
@@ -56,7 +56,7 @@ pub enum WeightsError {
     /// The region does not fit the net.
     #[error(transparent)]
     Within(#[from] WithinError),
-    /// The weights are invalid.
+    /// A resulting weight is negative or not finite.
     #[error(transparent)]
     Net(#[from] ControlNetError),
 }

@@ -1,4 +1,4 @@
-//! The mean direction of a region's surface.
+//! Computes the mean normal of a region's surface.
 
 use maquette_node::{Context, Error, In, Node};
 use maquette_value::{Direction, DirectionError, RangeImage, Region};
@@ -36,9 +36,9 @@ pub enum AverageNormalError {
     /// The region was taken from another range image.
     #[error("the region has a grid of {region:?} cells, but the range image has {range:?}")]
     Size {
-        /// The region's grid.
+        /// The size of the region's grid, in cells.
         region: [usize; 2],
-        /// The range image's grid.
+        /// The size of the range image's grid, in cells.
         range: [usize; 2],
     },
     /// The region has no triangle.
@@ -47,7 +47,7 @@ pub enum AverageNormalError {
     /// The points do not define a plane.
     #[error("the points of the region are on a line or coincide, so there is no normal")]
     Line,
-    /// The normals cancel out.
+    /// The normals of the triangles cancel out, so their mean has no direction.
     #[error(transparent)]
     Direction(#[from] DirectionError),
 }

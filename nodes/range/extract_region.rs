@@ -71,22 +71,22 @@ pub enum ExtractRegionError {
         "the labels have {labels:?} pixels, but the range image is registered to a picture of {picture:?}"
     )]
     Size {
-        /// The labels' size.
+        /// Width and height of the labelled picture, in pixels.
         labels: [usize; 2],
         /// The size of the picture to which the range image is registered.
         picture: [usize; 2],
     },
-    /// There are no labels.
+    /// No pixel of the picture has a label.
     #[error("the labels are empty: check the threshold or the mask from which they were made")]
     NoLabels,
-    /// There is no part with this rank or label.
+    /// The picture has no part with this rank or label.
     #[error("there is no {what} {number}: the labels have {count} parts, numbered from 1")]
     NoSuchPart {
-        /// `rank` or `label`.
+        /// The parameter that names the missing part: `rank` or `label`.
         what: &'static str,
         /// The rank or the label.
         number: u32,
-        /// The number of parts.
+        /// The number of labelled parts.
         count: usize,
     },
     /// The pixel is outside the picture.
@@ -118,7 +118,7 @@ pub enum ExtractRegionError {
         "label {label} has {area} pixels, but they do not cover half of any cell of the range grid"
     )]
     NoCell {
-        /// The label.
+        /// The label of the part.
         label: u32,
         /// The number of its pixels.
         area: usize,
@@ -126,15 +126,15 @@ pub enum ExtractRegionError {
     /// The part has no measured point.
     #[error("label {label} covers {cells} cells of the range grid, but no usable one has a point")]
     NoPoint {
-        /// The label.
+        /// The label of the part.
         label: u32,
-        /// The number of cells.
+        /// The number of the part's cells.
         cells: usize,
     },
     /// The points of holes could not be computed.
     #[error(transparent)]
     Fill(#[from] PoissonError),
-    /// The region is invalid.
+    /// The extracted region is invalid.
     #[error(transparent)]
     Region(#[from] RegionError),
 }
@@ -175,9 +175,9 @@ fn is_everything(region: &Region) -> bool {
 /// Options to add cells around a labelled part to the region.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RegionOptions {
-    /// Fills cells without a point.
+    /// True if cells without a point are filled.
     pub fill: bool,
-    /// Includes areas that the part surrounds.
+    /// True if areas that the part surrounds are included.
     pub enclosed: bool,
     /// Closes gaps up to twice this radius, in cells.
     pub close_radius: usize,

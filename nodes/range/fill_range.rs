@@ -38,7 +38,7 @@ fn default_largest() -> u32 {
 /// Error of filling a range image.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FillRangeError {
-    /// The columns differ in length.
+    /// The data columns of the range image differ in length.
     #[error(transparent)]
     Size(#[from] SizeError),
     /// The evaluation was cancelled.

@@ -71,13 +71,13 @@ pub enum ForegroundError {
     Missing {
         /// The value of `by`.
         by: &'static str,
-        /// The missing port.
+        /// The port that must be linked.
         port: &'static str,
     },
     /// The range image is registered to another picture.
     #[error("`image` has {image:?} pixels, but `range` is registered to a picture of {picture:?}")]
     Size {
-        /// The picture's size.
+        /// Width and height of the picture, in pixels.
         image: [usize; 2],
         /// The size of the picture to which the range image is registered.
         picture: [usize; 2],

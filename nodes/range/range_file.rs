@@ -82,7 +82,7 @@ pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, CameraFileError> {
     Ok(camera::read(bytes)?)
 }
 
-/// Checks that a camera's picture or grid has the size that was found.
+/// Checks that the camera file describes a picture or grid of the size that was read.
 pub(super) fn check_view(
     what: &'static str,
     view: &View,

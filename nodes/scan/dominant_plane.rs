@@ -57,7 +57,7 @@ fn default_height() -> f64 {
     1000.0
 }
 
-/// An error of [`dominant_plane`].
+/// Reasons why a plane cannot be found in a scan.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DominantPlaneError {
     /// There are too few points, or all are on a line.

@@ -1,6 +1,6 @@
 //! The convex hull of points in a plane.
 
-/// A convex polygon, counter-clockwise.
+/// A convex polygon, given by its corners counter-clockwise.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Hull {
     corners: Vec<[f64; 2]>,

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-/// An error of a node that keeps a part of a scan.
+/// Reasons why a part of a scan cannot be selected.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum KeepError {
     /// A lower bound of a box is greater than the upper bound.

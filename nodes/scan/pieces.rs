@@ -78,7 +78,7 @@ fn default_gap() -> f64 {
     10.0
 }
 
-/// An error of [`pieces`].
+/// Reasons why pieces of a scan cannot be selected.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum PiecesError {
     /// The rank is greater than the number of pieces.

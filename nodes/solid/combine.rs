@@ -61,11 +61,11 @@ pub enum BooleanError {
 
 /// Applies an [`Operation`] to a solid and other solids, one after the other.
 ///
-/// Each intersection of an edge and a triangle is decided exactly, on a grid of 2^30 cells along the longest side, and without ties: the
-/// other solid grows by an infinitesimal amount, or shrinks for an intersection (Edelsbrunner and Mucke, "Simulation of simplicity", 1990).
-/// Therefore the surfaces intersect in closed lines. The remaining part of a triangle is triangulated with all of its corners, and nothing
-/// has to be stitched. Only the positions of intersections are rounded: faces beside the cut may be thin, or overlap by about 1e-9 of the
-/// size. The cost is O(n log n), and for a cut face quadratic in the number of its pieces.
+/// Each intersection of an edge and a triangle is decided exactly, on a grid of 2^30 cells along the longest side. There are no ties: the
+/// other solid grows by an infinitesimal amount, or shrinks for an intersection (Edelsbrunner and Mucke, "Simulation of simplicity", 1990),
+/// so no vertex is exactly on the other surface. Therefore the surfaces intersect in closed lines. The remaining part of a triangle is
+/// triangulated with all of its corners, and nothing has to be stitched. Only the positions of intersections are rounded: faces beside the
+/// cut may be thin, or overlap by about 1e-9 of the size. The cost is O(n log n), and for a cut face quadratic in the number of its pieces.
 ///
 /// # Errors
 /// Returns an error if a mesh is not a solid, the result is too large, or the evaluation is cancelled.
@@ -151,8 +151,8 @@ fn of_two(
         progress.tick(0.9)?;
         Ok(cut.mesh()?)
     };
-    // Coplanar walls are merged or removed. If growing a solid makes it intersect itself, because it touches itself, the solid shrinks
-    // instead.
+    // Growing or shrinking a solid by an infinitesimal amount decides whether coplanar walls are merged or removed. If growing makes a
+    // solid intersect itself, because it touches itself, the solid shrinks instead.
     let grows = how != Operation::Intersection;
     match progress.part(0.0..0.9, |progress| made(grows, progress)) {
         Err(why @ IntersectionError::Crossing(..)) => {

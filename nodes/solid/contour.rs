@@ -37,8 +37,8 @@ impl Contour {
         Self { nearest, points, deep_ends, triangles, numbers: HashMap::new() }
     }
 
-    /// Adds the part of the surface in the cell whose lowest corner is the node `at`; `place` gives the position of a node. A corner is
-    /// deep if its depth is positive; corner `k` is one node farther along x, y and z for the bits 0, 1 and 2 of `k`.
+    /// Adds the part of the surface in the cell whose corner with the lowest indices is the node `at`; `place` gives the position of a
+    /// node. A corner is deep if its depth is positive. Corner `k` is one node farther along x, y and z if bit 0, 1 and 2 of `k` is set.
     pub(crate) fn add(
         &mut self,
         at: [usize; 3],

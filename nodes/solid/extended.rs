@@ -28,15 +28,15 @@ impl<'a> ExtendedMesh<'a> {
         }
     }
 
-    /// Adds a vertex with the attributes of the vertex `like`.
+    /// Adds a vertex that copies the attributes of the vertex `like`.
     pub(crate) fn add_vertex(&mut self, at: Point3<f64>, like: u32) -> u32 {
         self.positions.push(at);
         self.like_vertices.push(like);
         self.positions.len() as u32 - 1
     }
 
-    /// Adds a face with the attributes of the face `like`. Each corner is given by a vertex, and by the corner of the mesh whose attributes
-    /// it gets.
+    /// Adds a face that copies the attributes of the face `like`. Each corner is given as a pair: its vertex, and an existing corner whose
+    /// attributes it copies.
     pub(crate) fn add_face(&mut self, corners: impl IntoIterator<Item = [u32; 2]>, like: u32) {
         let before = self.corners.len();
         for [vertex, like] in corners {

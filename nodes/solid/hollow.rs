@@ -78,7 +78,7 @@ pub enum HollowError {
         "`spacing` is {spacing}, but must be at least 0, and at most {most}, half of `thickness`"
     )]
     Spacing {
-        /// The given edge length.
+        /// The edge length given as `spacing`.
         spacing: f64,
         /// The largest allowed edge length.
         most: f64,
@@ -94,12 +94,12 @@ pub enum HollowError {
     /// Faces of the mesh cross.
     #[error("the mesh intersects itself: {count} pairs of faces cross, such as {} and {}; use `Reconstruct` to make one surface of it", faces[0], faces[1])]
     Crossing {
-        /// The number of pairs of faces.
+        /// The number of pairs of faces that intersect.
         count: usize,
-        /// A point of the first intersection.
+        /// The faces of the first intersecting pair.
         faces: [u32; 2],
     },
-    /// The faces point inward.
+    /// The faces of the mesh point inward.
     #[error("the mesh is inside out; use `Orient` to turn it outward")]
     InsideOut,
     /// An outlet has invalid numbers.
@@ -115,7 +115,7 @@ pub enum HollowError {
     /// The outlets cut the solid apart.
     #[error("{}: the outlets are too wide, or go through more than the wall", match parts { 0 => "nothing is left of the solid".to_owned(), _ => format!("the solid falls into {parts} parts") })]
     Outlets {
-        /// The number of resulting parts.
+        /// The number of parts into which the solid is cut.
         parts: usize,
     },
     /// An outlet cannot be cut.

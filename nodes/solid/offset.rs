@@ -1,7 +1,7 @@
-//! The volume within a radius of a set of triangles.
+//! Computes the surface of the volume within a given radius of a set of triangles.
 //!
-//! Surfaces made of the tetrahedra of a grid never intersect themselves. Therefore a vertex is moved from its grid edge to the exact radius
-//! only if no faces intersect afterwards.
+//! The surface is extracted from the tetrahedra of a grid, with its vertices on grid edges; such a surface never intersects itself. Then the
+//! vertices are moved to the exact radius. If this makes faces intersect, their vertices are moved back to their grid edges.
 
 use maquette_node::{CancelledError, Limit, LimitError, Progress};
 use maquette_value::parallel::*;
@@ -81,7 +81,8 @@ pub(crate) fn offset_surface(
     fn check_blocks(count: f64) -> Result<(), LimitError> {
         BLOCKS.check("the space around the triangles", count)
     }
-    // The blocks along each axis are limited first, then those of each triangle; the products therefore cannot overflow.
+    // Limit the number of blocks along each axis first, and then the number around each triangle, so that products of these numbers cannot
+    // overflow.
     check_blocks(sizes.into_iter().fold(0.0, f64::max))?;
     let mut blocks = Vec::new();
     for face in mesh.faces().iter() {

@@ -16,7 +16,8 @@ pub enum Operation {
 }
 
 impl Operation {
-    /// Returns true if the result keeps the parts of `solid` (0: the first, 1: the second) that are inside of the other solid.
+    /// Returns true if the result keeps those parts of a solid that are inside of the other solid. `solid` is 0 for the first and 1 for the
+    /// second solid.
     pub(crate) fn wants_inside(self, solid: usize) -> bool {
         match (self, solid) {
             (Self::Union, _) | (Self::Difference, 0) => false,

@@ -1,11 +1,11 @@
-//! Triangulates plane polygons with holes. All of their sides are used, and no vertices are added.
+//! Triangulates plane polygons with holes. All of their sides become sides of triangles, and no vertices are added.
 
 use std::collections::BTreeMap;
 
 pub(crate) use maquette_value::polygon::project_to_plane;
 use maquette_value::polygon::{self, PlanePoint, is_in_triangle, orientation};
 
-/// Returns the closed loops of sides, each side given by its start and its end. The loops are in the order of their lowest vertices.
+/// Connects sides, each given by its start and its end, to closed loops. The loops are ordered by the lowest vertex index in each.
 pub(crate) fn loops(sides: &[[u32; 2]]) -> Vec<Vec<u32>> {
     let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     sides.iter().for_each(|&[start, end]| next.entry(start).or_default().push(end));
@@ -80,7 +80,7 @@ fn bridge(
     fn distance_sq(at: PlanePoint, from: PlanePoint) -> f64 {
         (at[0] - from[0]) * (at[0] - from[0]) + (at[1] - from[1]) * (at[1] - from[1])
     }
-    // Find the first side that a ray to the right crosses.
+    // Find the nearest side that a ray to the right crosses.
     let mut met: Option<(f64, usize, usize)> = None;
     for (polygon, corners) in outer.iter().enumerate() {
         for k in 0..corners.len() {

@@ -74,7 +74,7 @@ pub enum ShellError {
     /// The surface cannot be closed: the closing faces intersect it.
     #[error("the faces that close the surface intersect it: {count} pairs of faces cross, the first one at ({:.3}, {:.3}, {:.3}); use `side: Middle`, which needs no closed surface, or `Reconstruct` if the surface intersects itself there", at[0], at[1], at[2])]
     Crossing {
-        /// The number of pairs of faces.
+        /// The number of pairs of faces that intersect.
         count: usize,
         /// A point of the first intersection, in mm.
         at: [f64; 3],
@@ -84,7 +84,7 @@ pub enum ShellError {
         "the faces that close the surface touch it or themselves: {count} edges do not have two faces; use `side: Middle`, which needs no closed surface"
     )]
     Touching {
-        /// The number of edges.
+        /// The number of edges that do not have two faces.
         count: usize,
     },
     /// The faces do not form a surface.
@@ -92,7 +92,7 @@ pub enum ShellError {
         "the faces are not a surface: {count} edges have more than two faces, or two with different orientations; use `Orient` to turn faces"
     )]
     NoSurface {
-        /// The number of edges.
+        /// The number of edges that are not part of an oriented surface.
         count: usize,
     },
     /// The surface is closed or nearly closed, and its faces point inward.
@@ -113,7 +113,7 @@ pub enum ShellError {
     /// The surface cannot be oriented.
     #[error(transparent)]
     Orient(#[from] OrientError),
-    /// Too many grid cells around the surface.
+    /// The grid around the surface would have too many cells.
     #[error(transparent)]
     Round(#[from] OffsetSurfaceError),
     /// The intersection of the offset surface and the surface cannot be decided.
@@ -160,20 +160,22 @@ impl Node for Shell {
     }
 }
 
-/// Factor by which the requested distance is multiplied: the flat faces of the offset surface are too close where the surface is curved.
+/// Factor by which the requested distance is multiplied. Without it, the flat faces of the offset surface would be too close to the surface
+/// where it is curved.
 const DISTANCE_FACTOR: f64 = 1.06;
 
-/// Height of the walls behind a border, as a multiple of the thickness: higher than the shell extends.
+/// Height of the walls behind a border, as a multiple of the shell's thickness. The walls must be higher than the shell is thick.
 const WALL_FACTOR: f64 = 1.3;
 
-/// Maximum angle between a lid and the surface at its border at which walls are needed between both, because the lid would touch the
-/// surface or its back. Given as the cosine of 45 degrees between their normals, or between one normal and the opposite of the other.
+/// Walls are added between a lid and the surface at its border if both are nearly parallel, because the lid would then touch the surface or
+/// its back. This is the minimum absolute cosine of the angle between their normals: that of 45 degrees.
 const FLAT: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// Returns the shell of a surface, see [`Shell`], and the number of faces at which the shell is thinner than requested.
 ///
-/// The surface is closed to a body, and the part of the body within the thickness is taken. Therefore the other side cannot intersect
-/// itself, and is missing where there is no room. The cost grows with the area of the surface, in squares of the thickness.
+/// The surface is closed to a body, and the intersection of the body with the volume within the thickness is taken. The surface of an
+/// intersection never intersects itself, so neither does the other side of the shell; it is missing where there is no room. The cost grows
+/// with the area of the surface, in squares of the thickness.
 ///
 /// # Errors
 /// Returns an error if the thickness is invalid, the surface cannot be closed, there are too many cells around it, or the evaluation is
@@ -435,7 +437,7 @@ mod tests {
             (shell.positions().len(), shell.faces().len(), shell.edges().faces.len());
         // The shell is a plate with a hole: its Euler characteristic is that of a torus.
         assert_eq!(vertices + faces, edges);
-        // The shell ends at the border of the surface.
+        // The lowest point of the shell must not be below the border of the surface.
         fn lowest(mesh: &Mesh) -> f64 {
             mesh.bounds().unwrap().0.z
         }
@@ -459,7 +461,7 @@ mod tests {
         for (size, own) in size.iter().zip([10.0, 12.0, 14.0]) {
             assert!((size - own - 2.12).abs() < 0.02, "{size} around {own}");
         }
-        // The block itself is the cavity, and the edges are rounded, so the volume is less than that of the box around it.
+        // The block itself is the cavity. The outer edges are rounded, so the volume is less than that of the box around the shell.
         let hollow = volume(&outside);
         let most = 12.12 * 14.12 * 16.12 - 1680.0;
         assert!((0.95 * most..most).contains(&hollow), "{hollow} of {most}");

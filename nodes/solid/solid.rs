@@ -91,7 +91,7 @@ pub enum SolidError {
         "{count} edges of the mesh are still open after its holes are filled: the border around an open scan is not a hole; use `base: Flat()` to give it walls"
     )]
     Open {
-        /// The number of edges.
+        /// The number of edges that are still open.
         count: usize,
     },
     /// Faces of the result intersect.
@@ -157,7 +157,7 @@ impl Node for Solid {
     }
 }
 
-/// The result of [`solid`].
+/// The solid, and the numbers of its faces with defects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolidMesh {
     /// The solid's surface.
@@ -283,7 +283,7 @@ mod tests {
         let frame =
             CaptureFrame { camera: None, picture: [2, 2], depth: 20.0, world_from_camera: None };
         let seen = orient(&net(|_, _| 20.0, &[]), Outside::Flip).unwrap().mesh;
-        // Noise has moved a vertex past its neighbors.
+        // Noise has moved one vertex past its neighbors, which makes a fold.
         let mut moved = seen.positions().to_vec();
         moved[40] += Vector3::new(2.5, 0.2, 0.1);
         let folded = seen.with_positions(moved).unwrap().with_frame(Some(frame));
@@ -298,7 +298,7 @@ mod tests {
     fn walls_of_a_capture_run_away_from_the_sensor() {
         let frame =
             CaptureFrame { camera: None, picture: [2, 2], depth: 20.0, world_from_camera: None };
-        // The sensor has y down and z away; so the faces look to -z.
+        // In the coordinates of the sensor, y is down and z away from the sensor, so the faces look to -z.
         let seen = net(|x, y| 20.0 - 0.1 * (x * x + y * y), &[]);
         let seen = orient(&seen, Outside::Flip).unwrap().mesh.with_frame(Some(frame));
         let found = flat_base(&seen, 5.0, None).unwrap();

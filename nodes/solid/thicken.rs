@@ -11,7 +11,7 @@ use crate::offset::{Floor, OffsetSurfaceError, offset_surface};
 use crate::operation::Operation;
 use crate::transfer_attributes::transfer_attributes;
 
-/// Maximum number of rounds; in each, the parts that are still too thin grow.
+/// Maximum number of rounds. In each round, material is added to the walls that are still too thin.
 const PASSES: usize = 3;
 
 /// Factor by which the added thickness is multiplied: the flat faces of the added volume would make it thinner than requested.
@@ -20,7 +20,7 @@ const THICKNESS_FACTOR: f64 = 1.1;
 /// Reasons why walls cannot be made thicker.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ThickenError {
-    /// Too many grid cells.
+    /// The grid around the thin walls would have too many cells.
     #[error(transparent)]
     Round(#[from] OffsetSurfaceError),
     /// The intersection of the added volume and the solid cannot be decided.

@@ -3,8 +3,8 @@
 use maquette_value::{Mesh, MeshError, NearestPoint, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
-/// Returns the mesh `to` with those attributes of `from` that it lacks; each element gets the value at the nearest point of `from`. It also
-/// gets the texture of `from`, if it has none. `tree` is the tree of `from`, which must have faces.
+/// Adds to the mesh `to` the attributes that only `from` has. Each element gets the value at the nearest point of `from`. The texture of
+/// `from` is added, too, if `to` has none. `tree` is the tree of `from`, which must have faces.
 pub(crate) fn transfer_attributes(
     from: &Mesh,
     tree: &TriangleTree,

@@ -60,7 +60,7 @@ pub enum OnSingular {
     RefineOnce,
 }
 
-/// An error of [`interpolate`].
+/// Reasons why no control mesh can be computed for a mesh.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InterpolateError {
     /// The solver does not support the foot (the point with which a given point is compared) or the direction.

@@ -32,7 +32,7 @@ pub struct InterpolateCurve {
     pub how: Interpolation,
 }
 
-/// An error of [`interpolate_curve`].
+/// Reasons why no curve passes through the points of a polyline.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InterpolateCurveError {
     /// The input is a B-spline. Only the points of a polyline are interpolated.
@@ -41,7 +41,7 @@ pub enum InterpolateCurveError {
     /// The solver does not support the foot (the point with which a given point is compared) or the direction.
     #[error(transparent)]
     NotLinear(#[from] NonlinearError),
-    /// There are too few points for the degree, or two points coincide.
+    /// The points are too few for the degree, or two points coincide.
     #[error(transparent)]
     Knots(#[from] KnotVectorError),
     /// The system of equations is singular.

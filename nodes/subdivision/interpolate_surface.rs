@@ -42,13 +42,13 @@ fn default_order() -> [usize; 2] {
     [4, 4]
 }
 
-/// An error of [`interpolate_surface`].
+/// Reasons why no B-spline surface passes through the points of a net.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InterpolateSurfaceError {
     /// The solver does not support the foot (the point with which a given point is compared) or the direction.
     #[error(transparent)]
     NotLinear(#[from] NonlinearError),
-    /// There are too few points for the order, or two points coincide.
+    /// The points are too few for the order, or two points coincide.
     #[error(transparent)]
     Knots(#[from] KnotVectorError),
     /// The system of equations is singular.
@@ -57,7 +57,7 @@ pub enum InterpolateSurfaceError {
     /// A control point became infinite.
     #[error("the iteration diverged: {0}")]
     Net(#[from] ControlNetError),
-    /// The surface is invalid.
+    /// The computed surface is invalid.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
     /// The iteration diverged.

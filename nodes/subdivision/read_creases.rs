@@ -21,7 +21,7 @@ pub struct ReadCreases {
     pub path: FilePath,
 }
 
-/// An error of [`read_creases`].
+/// Reasons why creases cannot be read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ReadCreasesError {
     /// The file is not valid JSON of the expected form.
@@ -30,15 +30,15 @@ pub enum ReadCreasesError {
     /// There is no edge between the two vertices.
     #[error("there is no edge between the vertices {} and {}", ends[0], ends[1])]
     NoEdge {
-        /// The vertices.
+        /// The two vertices that the file names.
         ends: [u32; 2],
     },
-    /// A sharpness is negative.
+    /// An edge in the file has a negative sharpness.
     #[error("the edge between the vertices {} and {} has the sharpness {sharpness}, expected at least 0", ends[0], ends[1])]
     Sharpness {
         /// The vertices of the edge.
         ends: [u32; 2],
-        /// The negative sharpness.
+        /// The negative sharpness in the file.
         sharpness: f64,
     },
 }

@@ -17,7 +17,7 @@ impl<S> Rules<S> {
         self.with_scheme(())
     }
 
-    /// Replaces the scheme.
+    /// Returns these rules with another scheme.
     pub(super) fn with_scheme<T>(self, scheme: T) -> Rules<T> {
         Rules { scheme, boundary: self.boundary, creases: self.creases }
     }

@@ -31,10 +31,10 @@ pub struct Simplify {
     pub faces: usize,
 }
 
-/// An error of [`simplify`].
+/// Reasons why a mesh cannot be simplified.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SimplifyError {
-    /// Positions that become infinite.
+    /// A position of the simplified mesh became infinite.
     #[error(transparent)]
     Mesh(#[from] MeshError),
     /// The evaluation was cancelled.
@@ -123,7 +123,7 @@ impl Simplifier {
         Ok(Self { net, heap })
     }
 
-    /// Performs a collapse if it is still valid. Returns the number of edges whose cost was recomputed.
+    /// Performs a collapse if its cost is not outdated and the surface stays valid. Returns the number of edges whose cost was recomputed.
     fn collapse(&mut self, next: &Collapse) -> usize {
         if !self.net.is_current(next) || !self.net.allows(next) {
             return 0;

@@ -34,7 +34,7 @@ pub enum CurveScheme {
     Cubic,
 }
 
-/// An error of [`subdivide_curve`].
+/// Reasons why a curve cannot be refined.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SubdivideCurveError {
     /// The curve is a B-spline.
@@ -43,7 +43,7 @@ pub enum SubdivideCurveError {
     /// The result would be too large.
     #[error(transparent)]
     TooMuch(#[from] LimitError),
-    /// A point became infinite.
+    /// A point of the refined curve became infinite.
     #[error(transparent)]
     Curve(#[from] CurveError),
 }

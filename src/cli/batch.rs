@@ -344,7 +344,7 @@ fn unchanged_reason(state: State) -> &'static str {
     }
 }
 
-/// Numbers of finished tasks.
+/// The number of finished tasks by result, and the records of these tasks.
 #[derive(Default)]
 struct Counts {
     done: usize,

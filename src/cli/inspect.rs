@@ -107,7 +107,8 @@ impl Inspect {
             Err(why) => return Exit::Usage(why),
         };
         let checked = checked.without_unknown_nodes();
-        // These errors are not reported here. The evaluation reports them if the inspected value depends on them.
+        // Errors about unknown nodes and missing files are not reported here. The evaluation reports them if the inspected value depends on
+        // them.
         fn is_of_node(it: &Diagnostic) -> bool {
             matches!(it.code, code::UNKNOWN_NODE | code::MISSING_FILE)
         }
@@ -123,7 +124,8 @@ impl Inspect {
         if let Err(why) = self.check() {
             return Exit::Usage(why);
         }
-        // The elements of a `ForEach` over data are known only after the evaluation, so names are checked here only without such loops.
+        // The elements of a `ForEach` over data are known only after the evaluation. So names are checked before the evaluation only if the
+        // graph has no such loop.
         let is_whole = graph.loops().is_empty();
         if is_whole && let Err(why) = self.find(&graph) {
             return Exit::Usage(why);
@@ -254,7 +256,7 @@ impl Inspect {
         Ok((checked, InputOptions::single(FILE, &self.file)))
     }
 
-    /// Returns the pixel that `--at X,Y` names.
+    /// Returns the pixel if the option `--at` is `X,Y`, otherwise `None`.
     fn pixel(&self) -> Option<[usize; 2]> {
         match self.at {
             Some(CameraTarget::Pixel(pixel)) => Some(pixel),
@@ -299,7 +301,8 @@ impl Inspect {
         }
     }
 
-    /// Returns the output of the graph that the argument names. A node output with the same name takes precedence.
+    /// Returns the graph output whose name is the argument `node`. Returns `None` if a node output has the same name, because the node
+    /// output takes precedence.
     fn file<'g>(&self, graph: &'g Graph) -> Option<&'g GraphOutput> {
         let (name, output) = self.node().split_once('.')?;
         let mut used = graph.uses().iter().filter(|given| given.name == name);
@@ -309,7 +312,7 @@ impl Inspect {
         graph.outputs().iter().find(|file| file.name == self.node() && !is_value)
     }
 
-    /// Returns the outputs that the argument names.
+    /// Returns the node outputs that the argument `node` refers to, each with its name.
     fn find(&self, graph: &Graph) -> Result<Vec<NamedTarget>, String> {
         if let Some(GraphOutput { node, output, .. }) = self.file(graph) {
             let name = graph.nodes()[*node].outputs[*output].to_owned();
@@ -495,7 +498,8 @@ fn is_drawn(value: &AnyValue) -> bool {
     first_picture(value).is_some_and(|picture| picture.has_false_colors)
 }
 
-/// Returns true if a rendering shows more than a picture file in the value's own format: made-up colors, or other things than faces.
+/// Returns true if a rendering shows more of the value than a file in its own format does: the value is displayed in made-up colors, or has
+/// visible parts other than faces, such as points.
 fn is_best_seen(value: &AnyValue) -> bool {
     match &value.show()[..] {
         [] | [Layer::Triangles(_)] => false,
@@ -503,7 +507,7 @@ fn is_best_seen(value: &AnyValue) -> bool {
     }
 }
 
-/// Writes all files. If one of them must not be written, for instance because it would overwrite an input, none is written.
+/// Writes all files, or no file if one of them must not be written, for instance because it would overwrite an input.
 fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path, sources: &Sources) -> Exit {
     fn write_error(path: &Path, why: &dyn std::fmt::Display) -> Exit {
         Exit::Usage(format!("cannot write {}: {why}", path.for_display()))

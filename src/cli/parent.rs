@@ -9,7 +9,7 @@ pub(crate) fn end_with_parent() {
     const CHECK_INTERVAL: Duration = Duration::from_millis(250);
     let parent = std::env::var(maquette_lsp::PARENT).ok();
     let Some(parent) = parent.and_then(|id| id.parse::<i32>().ok()) else { return };
-    // Ends as after two interrupts. No file is incomplete, because each is written completely or not at all.
+    // Ends the process as a second interrupt does. No output file is incomplete, because each file is written completely or not at all.
     fn end() -> ! {
         std::process::exit(130)
     }

@@ -10,7 +10,7 @@ use maquette_engine::writing::{Destination, WriteError};
 
 use super::{column_width, in_bytes};
 
-/// The seconds that reading took: of the graph, and of the files that its nodes read.
+/// The time for reading files, in seconds: for the graph file, and for the files that its nodes read.
 pub(super) struct ReadTimes {
     pub(super) graph: f64,
     pub(super) files: f64,

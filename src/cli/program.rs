@@ -126,9 +126,9 @@ fn help_template() -> String {
     )
 }
 
-pub(crate) fn topic_list() -> String {
-    let contents = maquette_lsp::manual::contents();
-    format!("The language of graphs, by `{} help TOPIC`:\n{}", program(), contents.trim_end())
+fn topic_list() -> String {
+    let names = maquette_lsp::manual::TOPICS.iter().map(|topic| topic.name).collect::<Vec<_>>();
+    format!("Topics of the graph language, for `{} help TOPIC`: {}.", program(), names.join(", "))
 }
 
 /// Runs the program with the given packs and the arguments of the process.

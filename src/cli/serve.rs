@@ -239,8 +239,8 @@ impl Server<'_> {
         edit_answer(file.apply(edits, self.catalog))
     }
 
-    /// Replaces the text of a file, which must be `was`. If `theirs` is given, the file may have another text, and the changes `theirs`
-    /// by others are merged.
+    /// Replaces the text of a graph file by `text`. Without `theirs`, fails unless the present text is `was`. `theirs` are changes by
+    /// others; if it is given, the present text may differ from `was`, and the changes are merged into `text`.
     fn put(
         &self,
         graph: &Path,
@@ -279,7 +279,7 @@ fn edit_answer(edited: Result<EditedText, EditError>) -> Result<Json, RequestErr
     }
 }
 
-/// Answers requests.
+/// Sends answers to the requests of the host.
 trait Answer {
     /// Sends the answer to the request with this id.
     fn answer(&self, id: &Json, answer: Result<Json, RequestError>);

@@ -90,7 +90,7 @@ impl Test {
                 Err(_) => file,
             }));
         }
-        // A test file that is also selected by its own path or folder runs for all of its graphs, not only for the selected graphs.
+        // A test file may be selected both through one of its graphs and by its own path or folder. Then it runs for all of its graphs.
         graphs.retain(|test, _| !files.contains(test));
         files.extend(graphs.keys().cloned());
         files.sort();

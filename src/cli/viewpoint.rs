@@ -16,16 +16,16 @@ use super::{Exit, report};
 /// The argument of `--at`: the target of the camera.
 #[derive(Clone, Debug)]
 pub(super) enum CameraTarget {
-    /// A pixel.
+    /// A pixel, given as [column, row].
     Pixel([usize; 2]),
-    /// A point in space.
+    /// A point in space, in mm, in the axes of the value.
     Point(Point3<f64>),
-    /// A value of the graph.
+    /// The value of the graph with this name.
     Value(String),
 }
 
 impl CameraTarget {
-    /// Returns the name of a value.
+    /// Returns the name if the target is a value, otherwise `None`.
     fn name(&self) -> Option<&str> {
         match self {
             Self::Value(name) => Some(name),

@@ -68,7 +68,7 @@ fn escape_record(text: &str) -> String {
     escaped
 }
 
-/// Quotes and escapes a text.
+/// Converts a text to a DOT string: adds quotes and escapes.
 fn plain(text: &str) -> String {
     quote(&text.replace('\\', "\\\\"))
 }

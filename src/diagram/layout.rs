@@ -74,7 +74,7 @@ pub(super) struct Layout {
 /// The minimum space between two slots of a column.
 const GAP: f64 = 18.0;
 
-/// The height of a passage.
+/// The height of a passage, through which links cross a column.
 const PASSAGE: f64 = 4.0;
 
 /// The number of sweeps over the columns that reorder slots, alternately in both directions. The order with the fewest crossings is used.
@@ -360,7 +360,8 @@ impl Order {
     }
 }
 
-/// Counts the inversions: the pairs of pairs whose first numbers and second numbers are in opposite order.
+/// Counts the inversions among pairs of numbers. Two pairs form an inversion if their first numbers are in the opposite order to their
+/// second numbers.
 fn inversions(mut pairs: Vec<(f64, f64)>) -> usize {
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     // The second numbers of the pairs that have been visited, sorted.

@@ -55,7 +55,7 @@ pub(crate) struct Entry {
     pub(crate) column: usize,
 }
 
-/// A node.
+/// A node of the outline.
 #[derive(Debug, Serialize)]
 pub struct Node {
     #[serde(flatten)]
@@ -88,7 +88,7 @@ pub struct Target {
     pub(crate) output: String,
 }
 
-/// An output of a node.
+/// An output of a node of the outline.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Output {
     /// The name of the output; empty for an input and for a `Switch`.
@@ -315,7 +315,7 @@ impl<'w> Outliner<'w> {
     }
 }
 
-/// The text between two entries.
+/// The comments and blank lines between two entries.
 struct Gap {
     comment: String,
     has_blank_line: bool,

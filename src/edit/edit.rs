@@ -281,7 +281,7 @@ impl Editor<'_> {
         if diagnostics.is_empty() { Ok(best) } else { Err(diagnostics) }
     }
 
-    /// Applies the edits with their values in these spellings, without checking the result.
+    /// Applies the edits with their values in the given spellings, without checking the result.
     pub(super) fn apply_unchecked<'s>(
         &self,
         text: &str,
@@ -315,7 +315,7 @@ impl Editor<'_> {
                     let message = format!("{target}={given}: {}", error.message);
                     vec![self.diagnostic(&text, EditError { message, ..error })]
                 })?;
-                // The value that was a plain value may have become a `Draft`.
+                // A plain value may have become a `Draft`.
                 let draft = before.as_ref().filter(|_| self.options.draft);
                 let draft = draft.map(|before| format!("Draft(final: {before}, draft: {value})"));
                 let after = draft

@@ -45,7 +45,7 @@ pub struct Extraction {
     pub name: Option<String>,
 }
 
-/// The result of an extraction.
+/// The edited graph and the new graph file that an extraction creates.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExtractedGraph {
     /// The texts of the graph before and after the extraction.
@@ -328,7 +328,7 @@ impl Extractor<'_> {
             NodeKind::Input => field(&parsed.tree, "doc").and_then(|doc| doc.value.text()),
             _ => None,
         };
-        let doc = own.map_or_else(|| format!("What `{}` gives.", input.link), str::to_owned);
+        let doc = own.map_or_else(|| format!("The value of `{}`.", input.link), str::to_owned);
         let declared = format!("{}(doc: {})", input.kind, quote(&doc));
         let declared = if parsed.is_optional { format!("Optional({declared})") } else { declared };
         format!("{}: {declared}", quote(&input.name))

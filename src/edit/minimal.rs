@@ -101,7 +101,7 @@ impl Search<'_> {
         self.cuts.push(Span { start: field.name.span.start, end: field.value.span.end });
     }
 
-    /// Removes those of the fields with these names that are empty.
+    /// Removes the fields whose names are in `names`, if they are empty.
     fn cut_empty(&mut self, fields: &[Field], names: &[&str]) {
         for field in fields.iter().filter(|field| names.contains(&&field.name.text[..])) {
             if is_empty(&field.value) {
@@ -203,7 +203,7 @@ impl Search<'_> {
     }
 }
 
-/// Returns the text without these fields, their commas and their lines. The comments inside of the fields are kept.
+/// Returns the text without the fields at `cuts`, their commas and their lines. The comments inside of the fields are kept.
 fn remove_fields(text: &str, cuts: &[Span]) -> String {
     let mut result = String::with_capacity(text.len());
     // True after a removed field, while its comma must still be removed and its line is empty.

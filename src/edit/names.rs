@@ -32,7 +32,7 @@ pub struct Symbol {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SymbolSort {
-    /// Returns the declaration of the node or input of this name.
+    /// A node or an input.
     Node,
     Parameter,
     Output,
@@ -82,7 +82,7 @@ pub fn names_in(path: &Path, text: &str, catalog: &Catalog, options: &Options) -
     FileNames { types: types.collect(), all: search.found }
 }
 
-/// Returns the names in the text of a test of these graphs.
+/// Returns the names in the text of a test of the given graphs.
 pub fn names_in_test(
     text: &str,
     graphs: &[PathBuf],
@@ -166,7 +166,7 @@ struct KnownNames {
     types: HashMap<String, Arc<UsedGraph>>,
     /// For each node, the graph that it uses.
     uses: HashMap<String, Arc<UsedGraph>>,
-    /// Those nodes that are a `ForEach`.
+    /// The names of the nodes that are a `ForEach`.
     repeated: HashSet<String>,
 }
 
@@ -204,7 +204,7 @@ impl KnownNames {
         Symbol { file: self.own.file.clone(), sort, name: name.to_owned() }
     }
 
-    /// A node or an input.
+    /// Returns the declaration of the node or input of this name.
     fn node(&self, name: &str) -> Option<Symbol> {
         let known = self.nodes.iter().chain(&self.own.inputs).any(|known| known == name);
         known.then(|| self.symbol(SymbolSort::Node, name))
@@ -263,7 +263,7 @@ impl KnownNames {
         Some(way.splitn(groups + 1, '.').nth(groups).unwrap_or(""))
     }
 
-    /// Resolves the name of an output.
+    /// Resolves `text` as the name of an output of the graph.
     fn output(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
         let known = self.outputs.iter().any(|output| output == text);
         Vec::from_iter(known.then(|| (0..text.len(), self.symbol(SymbolSort::Output, text))))
@@ -290,7 +290,7 @@ fn kind_of(call: &Tree) -> Option<Name> {
     Some(Name { text: graph.value.text()?.to_owned(), span: graph.value.span })
 }
 
-/// Returns the entries of a section.
+/// Returns the entries of a section as pairs of key and value.
 fn keys<'t>(fields: &'t [Field], section: &str) -> impl Iterator<Item = (&'t Tree, &'t Tree)> {
     let maps = fields.iter().filter(move |field| field.name.text == section);
     maps.flat_map(|field| entries_of(&field.value))

@@ -73,7 +73,7 @@ impl Editor<'_> {
 
 /// The innermost value on the path of a target that a patch can still name.
 struct Part<'t> {
-    /// The path of the value.
+    /// The path of that value, by which the patch names it.
     owner: String,
     tree: &'t Tree,
     /// True if the value is a `Draft`, and the target names one of the sides of the `Draft`.

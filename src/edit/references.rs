@@ -20,7 +20,7 @@ use super::Editor;
 pub struct Reference {
     /// The position of the literal that contains the reference.
     pub(crate) span: Span,
-    /// The text of the literal.
+    /// The text of the literal, without its quotes.
     pub(crate) text: String,
     pub(crate) kind: ReferenceKind,
     /// A description of the part that contains the reference: port `mask` of `spots`.

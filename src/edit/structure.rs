@@ -36,7 +36,7 @@ const SECTIONS: [(&str, &str); 3] =
 /// An entry of a section, which has a name.
 struct NamedEntry<'t> {
     section: &'static str,
-    /// The map that is the section.
+    /// The map of the section that contains the entry.
     map: &'t Tree,
     /// The index of the entry in the section.
     index: usize,
@@ -142,7 +142,7 @@ impl<'j> Structure<'j> {
         })
     }
 
-    /// Returns the call of a node.
+    /// Returns the call of the node `name`. Fails if there is no such node.
     fn node(&self, name: &str) -> Result<&Tree, EditError> {
         call_of(&self.tree, name).ok_or_else(|| {
             let nodes = entries(self.tree.fields().unwrap_or_default(), "nodes");
@@ -190,7 +190,7 @@ impl<'j> Structure<'j> {
         })
     }
 
-    /// Formats an entry for an indentation. Its line endings are that before the offset `at`.
+    /// Formats an entry for an indentation. Uses the line ending that precedes the offset `at`.
     fn entry_text(&self, entry: &str, indent: &str, at: usize) -> String {
         let columns = indent.chars().count();
         reindent(&format_entry(entry, columns), columns, indent, newline(self.text, at))
@@ -273,7 +273,7 @@ impl<'j> Structure<'j> {
     fn literal_splice(&self, span: Span, text: &str, places: &[Range<usize>], new: &str) -> Splice {
         let literal = &self.text[span.start..span.end];
         let Some(start) = literal.find(text) else {
-            // The literal contains escapes.
+            // The literal contains escapes, so ranges of its text are not ranges of the file, and the whole literal is replaced.
             return (span, quote(&replace_ranges(text, places, new)));
         };
         let places = places.iter().map(|place| place.start + start..place.end + start);
@@ -366,9 +366,8 @@ impl<'j> Structure<'j> {
         Ok(())
     }
 
-    /// Marks for removal each list that would lose all its links.
-    ///
-    /// A port that would lose its link requires one. There is an error for each such port.
+    /// If all links of a list are marked for removal, marks the whole list instead. Returns an error for each such list whose port requires
+    /// a link.
     fn remove_empty_lists<'t>(&'t self, gone: &mut Removals<'t>) -> Vec<EditError> {
         let mut errors = Vec::new();
         let empty_lists: Vec<_> = gone
@@ -523,7 +522,7 @@ fn to_errors(error: EditError) -> Vec<EditError> {
     vec![error]
 }
 
-/// Returns the call of a node.
+/// Returns the call of the node `node`, if `tree` has that node.
 fn call_of<'t>(tree: &'t Tree, node: &str) -> Option<&'t Tree> {
     let mut nodes = entries(tree.fields()?, "nodes");
     nodes.find(|(name, _)| *name == node).map(|(_, call)| call)

@@ -70,7 +70,7 @@ fn format_position(point: Point3<f64>) -> String {
 /// Returns the bend at each edge whose two faces `wanted` accepts.
 fn edge_bends(mesh: &Mesh, wanted: impl Fn(usize, usize) -> bool) -> Vec<Bend> {
     let edges = mesh.edges();
-    // For each edge the first of its faces that was visited, until the second one is visited.
+    // For each edge, the last visited face that has the edge.
     let mut first = vec![usize::MAX; edges.vertices.len()];
     let mut found = Vec::new();
     for face in 0..mesh.faces().len() {

@@ -99,7 +99,7 @@ pub struct Evaluator {
     has_unsaved: bool,
     files: KnownFiles,
     guards: Guards,
-    /// The results of the last evaluation.
+    /// The results of the last evaluation, in this process or an earlier one. `None` if there are none.
     last: Option<Arc<Snapshot>>,
     /// Events of preflight evaluations (see `preflight`), which the next evaluation reports as its own.
     preflight_events: preflight::PreflightEvents,
@@ -233,7 +233,7 @@ impl Evaluation {
         })
     }
 
-    /// Returns the value of an output of a node, if it was requested and computed. Both are given by index.
+    /// Returns the value of the output with index `output` of the node with index `node`, if the value was requested and computed.
     pub fn value(&self, node: usize, output: usize) -> Option<&AnyValue> {
         let place = self.values.binary_search_by_key(&node, |(node, _)| *node).ok()?;
         self.values[place].1.get(output)
@@ -244,8 +244,8 @@ impl Evaluation {
         Some(self.snapshot.current(node)?.outcome.outputs.get(output)?.1)
     }
 
-    /// Returns the value of an output of a node, both given by name. If `output` is empty, returns the first output. Returns `None` if the
-    /// node was not requested.
+    /// Returns the value of the output with name `output` of the node with name `node`. If `output` is empty, returns the first output.
+    /// Returns `None` if the node was not requested.
     pub fn find(&self, graph: &Graph, node: &str, output: &str) -> Option<&AnyValue> {
         let (node, output) = match output {
             "" => graph.target(node)?,
@@ -522,7 +522,7 @@ impl Evaluator {
         self.evaluate(graph, &wanted, &wanted, &(), &CancelToken::default())
     }
 
-    /// Evaluates the nodes with these names and all that they depend on. Unknown names are skipped.
+    /// Evaluates the nodes with the given names and all that they depend on. Unknown names are skipped.
     pub fn evaluate_nodes(&mut self, graph: &Graph, names: &[&str]) -> Evaluation {
         let wanted: Vec<_> = names.iter().flat_map(|name| graph.nodes_of(name)).collect();
         self.evaluate(graph, &wanted, &wanted, &(), &CancelToken::default())

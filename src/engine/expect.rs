@@ -12,7 +12,7 @@ use super::digits::six_digits;
 use super::distances::distances;
 use super::printable::check_printable;
 
-/// A violated expectation.
+/// An expectation that does not hold, with its value and diagnostic.
 pub struct Violation {
     pub diagnostic: Diagnostic,
     /// The value that violates the expectation.
@@ -86,7 +86,7 @@ fn no_region(name: &str) -> (String, Vec<Point3<f64>>) {
     (format!("is not checked: `{name}` is not a region"), Vec::new())
 }
 
-/// Returns the indices of the nodes whose values these expectations concern.
+/// Returns the indices of the nodes whose values the given expectations concern.
 pub(crate) fn nodes_of(expectations: &[&GraphExpectation]) -> Vec<usize> {
     let values = expectations.iter().flat_map(|expected| &expected.values);
     values.flatten().map(|(node, _)| *node).collect()

@@ -64,13 +64,13 @@ pub struct Session {
 
 /// The parameters of a run: the values to compute and the inputs.
 pub struct Run<'a> {
-    /// The values to compute.
+    /// The values that the run computes.
     pub targets: Targets,
     /// The values of the graph's inputs, by name.
     pub inputs: InputValues,
     /// Receives the progress of the evaluation.
     pub observer: &'a dyn Observer,
-    /// Cancels the evaluation.
+    /// A token with which the caller can cancel the evaluation.
     pub cancel: CancelToken,
 }
 
@@ -87,19 +87,19 @@ pub enum Targets {
     /// All outputs, and all values for which the graph has expectations.
     #[default]
     Outputs,
-    /// As `Outputs`, and also these values: nodes (`node`) or outputs of nodes (`node.output`).
+    /// As `Outputs`, and also the listed values: nodes (`node`) or outputs of nodes (`node.output`).
     OutputsAnd(Vec<String>),
-    /// Only these values: outputs of the graph, nodes (`node`) or outputs of nodes (`node.output`).
+    /// Only the listed values: outputs of the graph, nodes (`node`) or outputs of nodes (`node.output`).
     Named(Vec<String>),
-    /// All outputs of these nodes. A use of a graph stands for the nodes that compute the outputs of the use. If an output of the graph has
-    /// the name of a node, the node is meant.
+    /// All outputs of the listed nodes. A use of a graph stands for the nodes that compute the outputs of the use. If an output of the
+    /// graph has the name of a node, the node is meant.
     Nodes(Vec<String>),
     /// All outputs of every node.
     Everything,
 }
 
 impl Session {
-    /// Creates a session with these packs. The settings do not change any result.
+    /// Creates a session with the given packs. The settings do not change any result.
     ///
     /// # Errors
     /// If the threads cannot be started, or the given folder for results cannot be used.
@@ -294,7 +294,7 @@ impl Session {
         folder.recall(&self.evaluator);
     }
 
-    /// Returns the graph with these values as its inputs. A missing value is not an error, but the nodes that depend on it fail. The
+    /// Returns the graph with the given values as its inputs. A missing value is not an error, but the nodes that depend on it fail. The
     /// outputs of the graph become files in the preferred format of their type.
     ///
     /// # Errors
@@ -418,7 +418,7 @@ fn graph_note(folder: &Path) -> Option<PathBuf> {
     Some(std::fs::canonicalize(folder).ok()?.join("@graph"))
 }
 
-/// Returns the expectations that are checked when these nodes are computed. If `only` selects outputs, expectations of other values are
+/// Returns the expectations that are checked when the given nodes are computed. If `only` selects outputs, expectations of other values are
 /// left out.
 fn expected_of<'g>(
     graph: &'g Graph,
@@ -428,7 +428,7 @@ fn expected_of<'g>(
     if only.is_empty() { graph.expectations_for(nodes) } else { graph.expectations_for_only(nodes) }
 }
 
-/// Returns the outputs with these names, or all outputs if the list of names is empty.
+/// Returns the outputs with the given names, or all outputs if the list of names is empty.
 pub(crate) fn outputs_of<'g>(
     graph: &'g Graph,
     only: &[String],
@@ -459,7 +459,7 @@ pub(crate) fn outputs_of<'g>(
         .collect()
 }
 
-/// Returns all nodes that `find` returns for these names.
+/// Returns all nodes that `find` returns for the given names.
 fn nodes_named(
     graph: &Graph,
     names: &[String],

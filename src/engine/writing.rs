@@ -38,7 +38,7 @@ pub struct Destination<'a> {
 }
 
 enum Bounds {
-    /// Any path that the user has given.
+    /// The given path may be anywhere.
     None,
     /// Inside of this folder. Links inside of the folder must not lead out of it.
     Folder(PathBuf),
@@ -89,8 +89,8 @@ impl<'a> Destination<'a> {
         Self { bounds: Bounds::Own(base.to_owned()), sources }
     }
 
-    /// Writes these bytes to a file, whole or not at all. Returns the stamp of the file, or `None` if another program has already changed
-    /// it. The first write of this process to a folder removes unfinished files that killed processes left in the folder.
+    /// Writes the given bytes to a file, whole or not at all. Returns the stamp of the file, or `None` if another program has already
+    /// changed it. The first write of this process to a folder removes unfinished files that killed processes left in the folder.
     pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<Option<FileStat>, WriteError> {
         self.check(path)?;
         temporary::sweep_once(parent_folder(path));
@@ -299,8 +299,8 @@ fn make_private_folder(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Returns true if a file or folder belongs to this user and others have none of these permissions. On systems without such permissions,
-/// returns true, because the folders of a user are private there.
+/// Returns true if a file or folder belongs to this user and no other user has any of the given permissions (bits of the Unix mode). On
+/// systems without such permissions, returns true, because the folders of a user are private there.
 #[cfg_attr(not(unix), expect(unused_variables, reason = "there is nothing to ask for"))]
 pub fn is_private(metadata: &Metadata, permissions: u32) -> bool {
     #[cfg(unix)]

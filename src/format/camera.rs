@@ -56,9 +56,9 @@ impl View {
 }
 
 impl CameraFile {
-    /// Adds the range camera and the pose to `range`; the pose is that of this file or else the grid's own. If `picture` (width, height)
-    /// and the color camera are given, also adds the registration of the grid in the picture: the matrix K_color K_range^-1 of both
-    /// cameras' intrinsic matrices K.
+    /// Adds the range camera and the pose of this file to `range`. If this file has no pose, the grid keeps its own. If `picture` (width,
+    /// height) and the color camera are given, also adds the registration of the grid in the picture: the matrix K_color K_range^-1, where
+    /// K are the intrinsic matrices of both cameras.
     #[must_use]
     pub fn apply_to(&self, range: RangeImage, picture: Option<[usize; 2]>) -> RangeImage {
         let pose = self.world_from_camera.or(range.world_from_camera().copied());
@@ -131,7 +131,6 @@ pub enum CameraError {
 /// `width` and `height`. Optional are also `units` and `world_from_camera_mm`, a rigid motion as 4 rows of 4 numbers. A pinhole at the top
 /// level or in `camera` is used for both cameras; a file with only `range` has no color camera. For depth maps, `depth_png.units_per_mm` or
 /// `depth_units_per_metre` gives the scale of their integers, and `depth_png.invalid` the value of pixels without depth.
-/// `depth_units_per_metre` gives the scale of their integers, and `depth_png.invalid` the value of pixels without depth.
 ///
 /// Files of other programs are accepted, too: a matrix of 9 numbers by rows or by columns in `intrinsic_matrix` (Open3D), `K` (Record3D) or
 /// `camera_matrix` (OpenCV), and the keys `fl_x fl_y cx cy w h` (NeRF). A lens distortion, or a depth scale under another name, gives a
@@ -195,7 +194,7 @@ fn notes(file: &Value) -> Vec<String> {
     lens.into_iter().chain(scale).collect()
 }
 
-/// Lists in backticks those of `keys` that have a nonzero value in one of the cameras.
+/// Lists, in backticks, the `keys` that have a nonzero value in one of the cameras.
 fn quoted_nonzero(cameras: &[&Value], keys: &[&str]) -> String {
     fn is_zero(value: &Value) -> bool {
         numbers(value).iter().all(|&number| number == 0.0)

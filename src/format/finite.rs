@@ -8,7 +8,8 @@ use nalgebra::Point3;
 pub(super) struct FiniteMask(Option<Vec<bool>>);
 
 impl FiniteMask {
-    /// Finds the points with finite coordinates. The other points are moved to the origin, until their elements are left out.
+    /// Finds the points with finite coordinates. Moves all other points to the origin; the elements that use these points are left out
+    /// later.
     pub(super) fn clear_non_finite(points: &mut [Point3<f64>]) -> Self {
         if first_not_finite(points).is_none() {
             return Self(None);

@@ -45,7 +45,7 @@ pub(super) enum GlbError {
     TooLarge { bytes: usize },
 }
 
-// These constants are defined by the specification.
+// The following constants are defined by the glTF specification.
 const UNSIGNED_BYTE: u32 = 5121;
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;

@@ -392,7 +392,8 @@ fn is_opacity(extra: &[[f64; 4]]) -> bool {
     is_constant(3, extra) && !is_constant(0, extra) && [1.0, 255.0].contains(&extra[0][3])
 }
 
-/// Returns the data of the remaining corners; `none` for corners without data.
+/// Returns the data of the corners that were not left out; `origins` are the indices of these corners in `corners`. A corner without data
+/// gets `none`.
 fn corner_data<T: Copy>(data: &[T], corners: &[u32], origins: &[usize], none: T) -> Vec<T> {
     origins
         .iter()

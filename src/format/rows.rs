@@ -100,7 +100,8 @@ impl<'a> Table<'a> {
         Self::new(bytes.len(), 1, Bytes(bytes))
     }
 
-    /// Creates a table whose rows are the bytes of `entry(item)`, one item per row. Tables with the same `name` must have the same `entry`.
+    /// Creates a table whose rows are the bytes of `entry(item)`, one item per row. Tables with the same `name` must have the same `entry`,
+    /// because the name is hashed in place of the function.
     pub(super) fn from_column<T: NoUninit + Send + Sync, B: NoUninit>(
         name: &'a str,
         items: Column<T>,

@@ -114,7 +114,8 @@ fn read_with_notes(bytes: &[u8]) -> Result<(Mesh, Vec<String>), StlError> {
     }
     let is_text =
         bytes.trim_ascii_start().get(..5).is_some_and(|it| it.eq_ignore_ascii_case(b"solid"));
-    // Programs that write the file as a stream do not return to the header to fill in the count.
+    // Programs that write a file as a stream cannot fill in the count in the header afterwards, so a file may be longer than its header
+    // states.
     let room = bytes.len().saturating_sub(84);
     fn is_longer(count: u32, room: usize, bytes: &[u8]) -> bool {
         let is_whole = room.is_multiple_of(TRIANGLE) && room > 0;
@@ -142,7 +143,8 @@ fn read_with_notes(bytes: &[u8]) -> Result<(Mesh, Vec<String>), StlError> {
         }
     } else {
         let bytes = bytes.len();
-        // Another kind of file would hardly have four bytes at this position that are close to the right count.
+        // If the count in the header is close to the right one, the file is probably a truncated STL file: a file of another kind would
+        // hardly have such a number at this position.
         return Err(
             match stated.filter(|&count| {
                 room.is_multiple_of(TRIANGLE) || expected_size(count) / MAX_MISSING_FACTOR <= bytes

@@ -114,7 +114,7 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
 enum Appearance {
     Plain,
     Colors(Vec<Rgb>, Vec<u32>),
-    /// Texture coordinates.
+    /// The distinct texture coordinates, and for each corner the index of its entry.
     Texture(Vec<[f32; 2]>, Vec<u32>),
 }
 

@@ -189,7 +189,7 @@ impl From<DecodeError> for TiffError {
 /// Returns an error if the bytes are not a TIFF file, the file is damaged, the picture takes too much memory, or its kind is not supported.
 pub fn read(bytes: &[u8]) -> Result<Image, TiffError> {
     check_picture(bytes)?;
-    // The TIFF decoder decodes into its own buffer.
+    // The TIFF decoder decodes into a buffer of its own, so the picture is in memory twice.
     let file = File { format: "TIFF", bytes, copies: 2 };
     file.picture(|| TiffDecoder::new(Cursor::new(bytes)), |_, _| Ok(()))
 }

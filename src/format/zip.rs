@@ -28,8 +28,8 @@ pub(super) fn archive(files: &[(&str, &[u8])]) -> Result<Vec<u8>, TooLarge> {
             true => (DEFLATED, &packed[..]),
             false => (STORED, content),
         };
-        // The part that the local header and the directory entry share: version 2.0, no flags, method, time and date, checksum, sizes, the
-        // length of the name, and no extra field.
+        // The fields that are equal in the local header and in the directory entry: version 2.0, no flags, method, time and date, checksum,
+        // sizes, the length of the name, and no extra field.
         let mut shared = Vec::new();
         [20, 0, method, 0, DATE].iter().for_each(|it: &u16| shared.extend(it.to_le_bytes()));
         shared.extend(crc32fast::hash(content).to_le_bytes());

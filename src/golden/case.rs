@@ -77,7 +77,7 @@ pub struct TestFile {
     pub graphs: Vec<PathBuf>,
     pub(crate) cases: Vec<(String, TestCase)>,
     pub(crate) compare: Vec<OutputTolerance>,
-    /// The expectations, each with its syntax tree.
+    /// The expectations of the test, each with its syntax tree.
     pub(crate) expect: Vec<(Expectation, Tree)>,
     pub(crate) budget: Budget,
     /// The parts of the file whose meaning is uncertain because of syntax errors.
@@ -183,7 +183,7 @@ fn read_source(
     let ReadText { tree, errors, uncertain_parts } = ReadText::new(&sheet, parsed, &["Test"]);
     diagnostics.extend(errors.into_iter().map(|error: maquette_syntax::SyntaxError| {
         match error.span.start {
-            // In an empty text this is the only error.
+            // An empty text has only this error.
             0 if is_empty => diagnostic(code::SYNTAX, error.span, error.message, begin),
             _ => diagnostic(code::SYNTAX, error.span, error.message, error.help),
         }
@@ -240,7 +240,7 @@ fn test_of(
     diagnostics.append(&mut wrong);
     let test: Test = match read_tree(&tree) {
         Ok(test) => test,
-        // If errors have been reported, missing fields are among them.
+        // A missing field is an error that has already been reported above.
         Err(_) if !diagnostics.is_empty() => return None,
         Err(error) => {
             let span = error.span.unwrap_or(tree.span);
@@ -346,7 +346,8 @@ fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Tree> {
     tree.fields()?.iter().find(|field| field.name.text == name).map(|field| &field.value)
 }
 
-/// Reduces `Mesh(max: 0.02)` to `(max: 0.02)`, so that it can be read as a tolerance. Returns the value types of the outputs.
+/// Removes the value type from each tolerance: reduces `Mesh(max: 0.02)` to `(max: 0.02)`, which can be parsed as a tolerance. Returns the
+/// removed value types.
 fn take_kinds(
     tree: &mut Tree,
     fields: &Fields<'_>,
@@ -445,7 +446,7 @@ fn invalid_case_names(tree: &Tree) -> Vec<LocalDiagnostic> {
     wrong.collect()
 }
 
-/// Returns the absolute path of a folder. The project of the folder is searched from this path.
+/// Returns the absolute path of a folder. The search for the project that contains the folder starts at this path.
 fn canonical_folder(folder: &Path) -> PathBuf {
     let here = if folder == Path::new("") { Path::new(".") } else { folder };
     std::fs::canonicalize(here).unwrap_or_else(|_| here.to_owned())
@@ -565,7 +566,7 @@ pub fn tests_of(graph: &Path) -> Vec<PathBuf> {
     Vec::new()
 }
 
-/// Returns the paths by which a test file names the graph at `graph`.
+/// Returns the paths in a test file that refer to the graph file `graph`. Different paths can refer to one file, for example through links.
 pub fn graph_of(test: &Path, graph: &Path) -> Vec<PathBuf> {
     let (Some(test), Ok(wanted)) = (skim(test), graph.canonicalize()) else { return Vec::new() };
     test.graphs.into_iter().filter(|graph| is_same(graph, &wanted)).collect()

@@ -12,7 +12,7 @@ use maquette_node::importers::Readers;
 use maquette_node::pack::Pack;
 use maquette_node::{CancelToken, Context, Progress};
 use maquette_syntax::error::Error;
-use maquette_syntax::{check_default, resolve, resolve_field, variants};
+use maquette_syntax::{check_default, variants};
 use maquette_value::{AnyValue, ValueType};
 use serde_json::Value as Json;
 
@@ -23,8 +23,11 @@ mod files;
 mod formats;
 mod migrations;
 mod promises;
+mod scalars;
 mod updates;
 mod values;
+
+use self::scalars::Scalars;
 
 /// The memory limit of the evaluators, in bytes.
 const MEMORY: usize = 1 << 30;
@@ -44,10 +47,10 @@ const MEMORY: usize = 1 << 30;
 /// 10. The outputs of a node have the properties that it promises, for its example and for edge cases that it accepts.
 /// 11. Attributes of meshes, points and range images are handled as the node declares, from each port to each output.
 /// 12. The old names in migrations do not exist any more, and the new names exist.
-/// 13. A node's update gives the same result and warnings as computing it from its inputs alone; and a node that
-///     updates for unchanged inputs also updates for changed ones.
-/// 14. The pieces of a format are those of the whole file, wherever they begin and end; pieces with the same source
-///     are equal.
+/// 13. Updating the result of a node gives the same result and warnings as computing the result from the inputs alone; and a
+///     node that can update its result for unchanged inputs can also update it for changed ones.
+/// 14. If a format can encode a file in pieces, the pieces equal the corresponding parts of the whole file, wherever they begin
+///     and end; pieces with the same source are equal.
 ///
 /// `others` are the packs whose nodes the examples use in addition to those of `pack`.
 ///
@@ -84,7 +87,7 @@ fn check_names(pack: &Pack, others: &[&Pack], broken: &mut Vec<String>) {
     for (pack, is_own) in strangers.map(|other| (*other, false)).chain([(pack, true)]) {
         let nodes = pack.nodes.iter().map(|node| (node.name)().into_owned());
         let values = pack.values.iter().map(|value| value.name.to_owned());
-        // A node and a value type may have one name, such as `ControlNet`, so the kind is part of the entry.
+        // A node and a value type may have the same name, such as `ControlNet`. So the kind, `node` or `value`, is part of the entry.
         let names = nodes.map(|name| ("node", name)).chain(values.map(|name| ("value", name)));
         for (what, name) in names {
             if is_own && !is_camel_case(&name) {
@@ -264,22 +267,9 @@ fn run(graph: &Graph, threads: usize) -> Result<Vec<Option<AnyValue>>, String> {
 /// Returns changes of parameters. Each is the path of a parameter and another value for it, as RON.
 fn changes(parameters: &Json, schema: &Json) -> Vec<(String, String)> {
     let mut changes = Vec::new();
-    for (name, value) in parameters.as_object().into_iter().flatten() {
-        let field = &schema["properties"][name];
-        change(value, field, schema, name, &mut changes);
-    }
-    changes
-}
-
-fn change(
-    value: &Json,
-    field: &Json,
-    root: &Json,
-    path: &str,
-    changes: &mut Vec<(String, String)>,
-) {
-    let schema = resolve_field(field, root);
-    match value {
+    // Only the first four items of a list are changed, because lists may be long and their items are similar.
+    let scalars = Scalars { schema, max_items: 4 };
+    scalars.visit(parameters, &mut |path, value, schema| match value {
         Json::Bool(value) => changes.push((path.into(), (!value).to_string())),
         Json::Number(number) => {
             let x = number.as_f64().unwrap_or_default();
@@ -289,42 +279,16 @@ fn change(
             changes.extend(others.map(|x| (path.to_owned(), x.to_string())));
         }
         Json::String(word) => {
-            let others = variants(&schema).into_iter().filter(|(name, _)| *name != word);
+            let others = variants(schema).into_iter().filter(|(name, _)| *name != word);
             // All fields of a variant may have defaults, so the variant can be written without fields.
             changes.extend(others.map(|(name, content): (&str, Option<&Json>)| match content {
                 Some(_) => (path.to_owned(), format!("{name}()")),
                 None => (path.to_owned(), name.to_owned()),
             }));
         }
-        Json::Array(items) => {
-            // Only the first four entries are changed, because lists may be long and their entries are similar.
-            for (place, item) in items.iter().take(4).enumerate() {
-                change(item, &schema["items"], root, &format!("{path}.{place}"), changes);
-            }
-        }
-        Json::Object(entries) => {
-            let choices = variants(&schema);
-            for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
-                let chosen = choices.iter().find(|(known, _)| known == name);
-                match chosen.map(|(_, content)| content.map(|it| resolve(root, it))) {
-                    // In the file, the fields of a chosen enum variant follow the name of the variant directly, so the path does not
-                    // contain the name.
-                    Some(Some(content)) if content.get("properties").is_some() => {
-                        change(value, &content, root, path, changes);
-                    }
-                    Some(Some(content)) => {
-                        change(value, &content, root, &format!("{path}.0"), changes);
-                    }
-                    Some(None) => {}
-                    None => {
-                        let field = &schema["properties"][name];
-                        change(value, field, root, &format!("{path}.{name}"), changes);
-                    }
-                }
-            }
-        }
         _ => {}
-    }
+    });
+    changes
 }
 
 /// Runs the node with each of its inputs replaced by edge cases, one input at a time.

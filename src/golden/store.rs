@@ -50,7 +50,7 @@ pub struct Golden {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct WrittenFile {
     name: String,
-    /// A description of the file's content: its length and hash.
+    /// A description of the file's content, consisting of its length and hash.
     content: String,
 }
 
@@ -123,17 +123,17 @@ pub(crate) fn files(
     files
 }
 
-/// The label of the line with the version of the golden's format.
+/// The label of the summary line with the version of the golden's format.
 const FORM: &str = "form";
 const THIS_FORM: &str = "2";
 
-/// The label of the line with the tolerances for which the numbers of the golden were rounded.
+/// The label of the summary line with the tolerances. The numbers of the golden were rounded so that they suffice for these tolerances.
 const KEPT_FOR: &str = "kept for";
 
-/// The beginning of the label of each line about another file of the golden.
+/// The beginning of the labels of the summary lines that describe the other files of the golden, such as `kept in .bin`.
 const FILE_LABEL: &str = "kept in ";
 
-/// Returns the label of the line about a file of the golden with this suffix.
+/// Returns the label of a summary line that describes another file of the golden: `kept in .bin` for the file with the suffix `.bin`.
 pub(crate) fn file_label(suffix: &str) -> String {
     format!("{FILE_LABEL}{suffix}")
 }
@@ -152,10 +152,10 @@ fn bounds(tolerance: &Tolerance) -> String {
     if all.is_empty() { "what is allowed where nothing is said".into() } else { all.join(", ") }
 }
 
-/// The label of the line with the reason for accepting the golden.
+/// The label of the summary line with the reasons for accepting the golden.
 const REASON_LABEL: &str = "accepted because";
 
-/// Returns the line with the reasons for accepting a golden. It is empty if there are no reasons.
+/// Returns the summary line with the reasons for accepting a golden, or an empty text if there are no reasons.
 pub(crate) fn reason_line(why: &[String]) -> String {
     if why.is_empty() { String::new() } else { line(REASON_LABEL, &why.join("; ")) }
 }
@@ -190,14 +190,14 @@ pub(crate) fn sample_picture(picture: &Image, stride: usize) -> Image {
     Image::new(size[0], size[1], pixels.collect::<Vec<_>>()).expect("one pixel per position")
 }
 
-/// An error in reading a golden.
+/// The reason why a golden cannot be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GoldenError {
     Missing,
     Damaged(String),
 }
 
-/// Reads the golden with this name from a folder of goldens.
+/// Reads the golden `name` from a folder of goldens.
 pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, GoldenError> {
     fn file(suffix: &str, name: &str, folder: &Path) -> Option<Vec<u8>> {
         fs::read(&folder.join(format!("{name}{suffix}"))).ok()
@@ -205,7 +205,7 @@ pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, GoldenError> {
     fn damaged_error(suffix: &str, name: &str) -> GoldenError {
         GoldenError::Damaged(format!("{name}{suffix} is damaged"))
     }
-    // The error that two files of a golden do not belong together. It is unknown which of them is wrong.
+    // Returns the error that a file of the golden does not match its `.txt` file. It is unknown which of the two files is wrong.
     fn mismatch_error(suffix: &str, name: &str) -> GoldenError {
         GoldenError::Damaged(format!("{name}{suffix} is not what {name}.txt says of it"))
     }
@@ -265,7 +265,8 @@ impl Golden {
         self.line(FORM) != Some(THIS_FORM)
     }
 
-    /// Returns the reason why a golden of the same value would now be stored differently, or `None`.
+    /// Returns the reason why the golden would now be stored in another way even if the value is unchanged, or `None` if there is no such
+    /// reason.
     pub(crate) fn outdated_reason(&self, tolerance: &Tolerance) -> Option<&'static str> {
         if self.has_earlier_form() {
             return Some("has an earlier format, which cannot measure a difference");
@@ -295,7 +296,7 @@ impl Golden {
             .as_ref()
     }
 
-    /// Returns the stored numbers.
+    /// Returns the numbers that the golden stores. Returns `None` if it has none, or if they are in the earlier format or damaged.
     pub(crate) fn numbers(&self) -> Option<&StoredNumbers> {
         self.numbers
             .get_or_init(|| unpack(self.bin.as_ref().filter(|_| !self.has_earlier_form())?))

@@ -82,7 +82,7 @@ pub struct Case {
     pub notes: Vec<String>,
     pub trace: RunTrace,
     pub seconds: f64,
-    /// The time that encoding the outputs took, in seconds.
+    /// The time for encoding the outputs as files, in seconds.
     pub(crate) file_seconds: f64,
     /// The present nodes of the graph as text, or `None` if the graph could not be read.
     nodes: Option<String>,
@@ -96,7 +96,8 @@ pub struct OutputComparison {
     pub files: Vec<String>,
     pub comparison: Comparison,
     pub golden: Result<Golden, GoldenError>,
-    /// The reason why the golden would now be stored differently even if the value is equal, or `None`.
+    /// The reason why the golden would now be stored in another way, even if the value is equal to the golden. `None` if there is no such
+    /// reason.
     pub outdated_reason: Option<&'static str>,
     pub value: AnyValue,
     /// True if accepting the value would change the golden.
@@ -108,7 +109,7 @@ pub struct OutputComparison {
 }
 
 impl OutputComparison {
-    /// Returns the files of a new golden. For a large value this takes time.
+    /// Returns the files of a new golden for the value. For a large value this takes time.
     fn new_files(&self) -> Vec<NewFile> {
         store::files(&self.value, &self.files_written, &self.accepted_differences, &self.tolerance)
     }
@@ -422,7 +423,7 @@ fn jobs_of(test: &TestFile) -> Vec<Job<'_>> {
     let beside = test_folder(test);
     let mut jobs = Vec::new();
     for graph in &test.graphs {
-        // The graph may be in a folder above the test. Its goldens are next to the test in this case, too.
+        // The graph may be in a folder above the test file. Even then its goldens are in the folder of the test file.
         let place = graph.strip_prefix(beside).unwrap_or(graph).with_extension("");
         let parts = place.components().filter_map(|part| match part {
             Component::Normal(name) => Some(name),

@@ -26,7 +26,8 @@ use crate::tree::{entries, show};
 /// The fields of a graph that have no meaning while they are empty.
 pub const OMITTABLE_FIELDS: [&str; 5] = ["doc", "packs", "use", "params", "expect"];
 
-/// The sections of a graph whose entries have names. Each comes with the word for one of its entries.
+/// The sections of a graph whose entries have names. Each is a pair of the field name of the section, such as `params`, and the word for
+/// one of its entries, such as `parameter`.
 pub(super) const SECTIONS: [(&str, &str); 5] = [
     ("use", "use"),
     ("inputs", "input"),
@@ -39,7 +40,7 @@ pub(super) const SECTIONS: [(&str, &str); 5] = [
 pub(super) struct CanonicalGraph {
     /// The fields of the graph that are not sections, including the name of its call.
     pub(super) rest: Vec<Item>,
-    /// The entries of each section.
+    /// The entries of each section, in the order of [`SECTIONS`].
     pub(super) sections: [Vec<Item>; SECTIONS.len()],
 }
 
@@ -48,7 +49,7 @@ pub(super) struct CanonicalGraph {
 pub(super) struct Item {
     pub(super) name: String,
     pub(super) value: Tree,
-    /// The value in which numbers have the units that the file gives them.
+    /// The value, with its numbers in the units that are written in the file.
     written: Tree,
 }
 
@@ -61,8 +62,8 @@ impl Item {
         }
     }
 
-    /// Returns `part`, the part of the value at a dotted path, as text. If a number in it is written with a unit, the text is that of the
-    /// file.
+    /// Returns `part`, the part of the value at the dotted path `path`, as text. If `part` contains a number with a unit, the text shows
+    /// the number as it is written in the file.
     pub(super) fn show(&self, path: &str, part: &Tree) -> String {
         let steps = path.split('.').filter(|step| !step.is_empty()).map(str::to_owned);
         let written = self.written.descend(&Vec::from_iter(steps));
@@ -548,7 +549,7 @@ pub fn node_of_link(link: &str) -> &str {
     link.split(['.', '/']).next().unwrap_or_default()
 }
 
-/// Returns true if a value is empty.
+/// Returns true if a value is an empty text, list, map or group of fields. Returns false for numbers, words and calls with a name.
 pub fn is_empty(value: &Tree) -> bool {
     match &value.kind {
         Kind::Text(text) => text.is_empty(),

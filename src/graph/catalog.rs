@@ -56,11 +56,11 @@ impl Code {
     }
 }
 
-/// A node type of a catalog.
+/// A node type of a catalog, with the pack that defines it.
 pub struct Entry {
     pub name: String,
     pub pack: &'static str,
-    /// The version of the pack.
+    /// The version of the pack that defines the node type.
     pub version: &'static str,
     pub(crate) node: NodeType,
     readers: Arc<Readers>,
@@ -110,7 +110,7 @@ impl Entry {
         self.outputs.get_or_init(|| (self.node.outputs)())
     }
 
-    /// Returns the ports in order.
+    /// Returns the descriptions of the node's ports, in order.
     pub fn ports(&self) -> Vec<PortDescription> {
         ports(self.schema())
     }
@@ -175,7 +175,7 @@ fn has_text(schema: &Json, fits: &impl Fn(&str) -> bool) -> bool {
 }
 
 impl Catalog {
-    /// Creates the catalog of these packs.
+    /// Creates the catalog of the given packs.
     pub fn new(packs: &[&Pack]) -> Self {
         let readers = packs.iter().flat_map(|pack| pack.readers).copied();
         let readers = Arc::new(Readers::new(readers));
@@ -225,7 +225,7 @@ impl Catalog {
         &self.recipes
     }
 
-    /// Returns the file readers.
+    /// Returns the file readers of all packs.
     pub fn readers(&self) -> &Arc<Readers> {
         &self.readers
     }

@@ -8,7 +8,7 @@ use maquette_syntax::{Help, LocalDiagnostic, SourceMap, UncertainParts};
 
 use crate::world::World;
 
-/// Checks one file.
+/// The check of one file: its context, and the diagnostics found so far.
 pub struct Check<'w, 'a> {
     pub(super) world: &'w mut World<'a>,
     pub(super) source_map: Arc<SourceMap>,

@@ -43,8 +43,8 @@ pub fn in_plain_numbers(tree: &Tree, schema: &Json) -> Tree {
     fitting.value(tree, Some(ExpectedValue::for_node("", schema)))
 }
 
-/// Converts the numbers with units in a list of calls, each of which is a choice of the schema, to plain numbers. A value in a wrong unit
-/// becomes broken.
+/// Converts the numbers with units in a list of calls to plain numbers. Each call is one of the choices of the schema. A value in a wrong
+/// unit becomes broken.
 pub(super) fn calls_in_plain_numbers(
     list: &Tree,
     schema: &Json,

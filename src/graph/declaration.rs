@@ -11,7 +11,7 @@ use super::constants::declaration_in_own_unit;
 pub(super) const TYPES: [&str; 7] =
     ["Number", "Integer", "Toggle", "Color", "Text", "Choice", "Vector"];
 
-/// Returns the fields that a declaration of this type can have.
+/// Returns the names of the fields that the declaration of a parameter of the type `kind` can have.
 pub(super) fn fields_of(kind: &str) -> &'static [&'static str] {
     match kind {
         "Number" | "Integer" | "Vector" => &["default", "doc", "min", "max", "unit"],

@@ -25,7 +25,7 @@ pub(super) type Wants = Vec<(&'static str, Span)>;
 /// A graph as its file defines it, checked with the default values of its parameters.
 pub struct Definition {
     pub source_map: Arc<SourceMap>,
-    /// The syntax tree of the text.
+    /// The syntax tree of the graph file's text.
     pub tree: Arc<Tree>,
     pub doc: String,
     pub(super) version: Option<Version>,
@@ -138,7 +138,7 @@ pub struct ParsedNode {
 
 /// The kind of a node.
 pub enum NodeKind {
-    /// A built-in node.
+    /// A node of a built-in type.
     Node(Arc<Entry>),
     /// A use of a graph, for which `use` declares this type name.
     Use(String, Arc<Definition>),
@@ -155,7 +155,7 @@ pub enum NodeKind {
 }
 
 impl NodeKind {
-    /// Returns the names of the outputs.
+    /// Returns the names of the node's outputs.
     pub fn outputs(&self) -> Vec<&str> {
         match self {
             Self::Node(entry) => entry.outputs().iter().map(|output| output.name).collect(),
@@ -264,7 +264,7 @@ pub struct ForEachNode {
     pub name: String,
     /// The position of the name of the `ForEach`.
     pub(crate) span: Span,
-    /// The type of the nodes.
+    /// The node type that the `ForEach` repeats.
     pub(crate) kind: String,
     /// The index of the node of each element.
     pub(crate) elements: Vec<usize>,
@@ -281,7 +281,7 @@ impl ForEachNode {
     }
 }
 
-/// The branches of a `Switch`.
+/// The cases of a `Switch`, and the choice between them.
 pub struct Branches {
     /// The name and the link of each case.
     pub(crate) cases: Vec<(String, Tree)>,
@@ -349,7 +349,7 @@ pub(crate) enum ElementCount {
 pub struct Elements {
     /// The word that selects the kind of elements; empty for the default kind.
     pub(crate) word: String,
-    /// The name of the `ForEach`.
+    /// The name of the `ForEach` that iterates over the elements.
     pub(crate) each: String,
     pub(crate) max_elements: Option<Tree>,
 }

@@ -12,7 +12,7 @@ use petgraph::visit::{Dfs, DfsPostOrder, VisitMap, Visitable};
 pub struct Dependencies(DiGraph<(), ()>);
 
 impl Dependencies {
-    /// Creates the graph of `count` nodes with these links. Each link is a pair of a node and a node that it needs.
+    /// Creates the graph of `count` nodes with the given links. Each link is a pair of a node and a node that it needs.
     pub fn new(count: usize, links: impl Iterator<Item = (usize, usize)>) -> Self {
         let mut graph = DiGraph::with_capacity(count, links.size_hint().0);
         for _ in 0..count {

@@ -46,15 +46,15 @@ pub struct Difference {
 /// The kind of a difference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
-    /// The entry is new.
+    /// Only the new graph has the entry.
     Added,
-    /// The entry was removed.
+    /// Only the old graph has the entry.
     Removed,
-    /// The entry has another name.
+    /// The entry has another name in the new graph.
     Renamed,
     /// A link leads to another output than before.
     Rewired,
-    /// A value differs.
+    /// The value of a field differs.
     Changed,
 }
 
@@ -160,7 +160,7 @@ impl Graph {
 /// A graph that has been read for a comparison.
 struct ComparedGraph {
     tree: Tree,
-    /// The graphs that it uses.
+    /// The graphs that the compared graph uses.
     subgraphs: Vec<Subgraph>,
     diagnostics: Vec<Diagnostic>,
 }
@@ -260,7 +260,7 @@ impl RenamedNames {
     }
 }
 
-/// The same section of both graphs.
+/// One section, such as `nodes`, of both graphs.
 struct Section<'m> {
     what: &'static str,
     old: &'m [Item],
@@ -456,7 +456,7 @@ fn similarity(a: &Tree, b: &Tree) -> f64 {
 /// Compares two values of one entry, part by part.
 struct Walk<'a, 'm> {
     section: &'a Section<'m>,
-    /// The old entry and the new entry.
+    /// The old entry and the new entry that are compared.
     items: [&'a Item; 2],
     names: &'a RenamedNames,
     found: &'a mut Vec<Difference>,
@@ -524,7 +524,8 @@ impl Walk<'_, '_> {
         let change = if links { Change::Rewired } else { Change::Changed };
         let before = old.map(|old| self.items[0].show(&path, old));
         let after = new.map(|new| self.items[1].show(&path, &self.names.in_new(new)));
-        // Two equal texts may differ here, if only one of them is treated as a link. Then there is no difference to show.
+        // The values may differ although their texts are equal, if only one of the texts is treated as a link. Such a difference is not
+        // reported.
         if before == after {
             return;
         }

@@ -1,4 +1,4 @@
-//! Differences between the graphs that two graphs use, if they come from different files, as in two checkouts.
+//! Differences between the graphs that two graphs use. These are compared if they are in different files, as in two checkouts of a project.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

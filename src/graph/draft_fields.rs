@@ -1,4 +1,4 @@
-//! The fields of a graph with `Draft(..)` values.
+//! The fields of a graph whose values contain a `Draft(..)`.
 
 use std::collections::HashMap;
 

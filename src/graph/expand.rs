@@ -54,7 +54,7 @@ struct RepeatedValues {
 }
 
 impl Values {
-    /// Returns the values to which a link leads.
+    /// Returns the targets in the flat graph to which a link to this node and output leads.
     fn get(&self, (node, output): (usize, usize)) -> &[Target] {
         match self.repeated.get(&node) {
             Some(repeated) => repeated.outputs.get(output).map_or(&[], Vec::as_slice),
@@ -62,7 +62,7 @@ impl Values {
         }
     }
 
-    /// Returns the first value to which a link leads.
+    /// Returns the first target in the flat graph to which a link to this node and output leads.
     fn first_target(&self, target: (usize, usize)) -> Option<Target> {
         self.get(target).first().copied()
     }
@@ -90,7 +90,7 @@ pub(super) fn expand<'a>(
     expansion.add_guards(definition, &scope, 0);
     let Expansion { mut nodes, uses, loops, mut expect, .. } = expansion;
     if !is_broken {
-        // Later expansions, with more elements, would report the diagnostics of pins again.
+        // The diagnostics of pins are reported once, at the first expansion, not again when the numbers of elements are known.
         if counts.is_empty() {
             world.report_stale_pins(&nodes, &definition.source_map.source);
         }
@@ -103,7 +103,7 @@ pub(super) fn expand<'a>(
     let (known, mut doubts) = KnownProperties::resolve_guards(&mut nodes);
     known.retain_open_promises(&mut expect, &mut doubts);
     expect.retain(|expected| !expected.is_example);
-    // If the graph is partial, these outputs are kept, so that their failure is reported.
+    // For a partial graph, the outputs of unknown type are kept, so that their failure is reported.
     let undecided = undecided.iter().filter(|_| is_partial);
     let outputs = outputs
         .iter()
@@ -314,7 +314,7 @@ impl<'a> Expansion<'_, 'a> {
         values
     }
 
-    /// Counts one more node. Returns true if the number of nodes exceeds the limit. The first time, this is reported.
+    /// Counts one more node. Returns true if the number of nodes exceeds [`MAX_NODES`]. Only the first excess is reported.
     fn count_and_check(
         &mut self,
         definition: &Definition,

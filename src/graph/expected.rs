@@ -13,7 +13,7 @@ use super::link::Names;
 use super::{Graph, GraphOutput};
 use crate::definition::{BoundExpectation, ParsedNode};
 
-/// An expectation of values, which have the names that they have in the flat graph.
+/// An expectation about values, which it names as in the flat graph.
 #[derive(Clone)]
 pub struct GraphExpectation {
     pub expectation: Expectation,
@@ -33,7 +33,7 @@ pub struct GraphExpectation {
 pub(super) struct ExpectingUse {
     /// The uses that lead to the graph, from the outermost one.
     pub(super) uses: Arc<[Use]>,
-    /// The nodes of the used graph.
+    /// The range of the flat nodes that belong to the use.
     pub(super) inside: Range<usize>,
     /// The nodes that compute the outputs of the used graph.
     pub(super) givers: Vec<usize>,
@@ -68,13 +68,13 @@ impl GraphExpectation {
 }
 
 impl Graph {
-    /// Returns the expectations that apply if these nodes are evaluated: all expectations of the graph's own file, and those of each used
-    /// graph that is needed.
+    /// Returns the expectations that apply if the given nodes are evaluated: all expectations of the graph's own file, and those of each
+    /// used graph that is needed.
     pub fn expectations_for(&self, wanted: &[usize]) -> Vec<&GraphExpectation> {
         self.expectations_where(wanted, |_| true)
     }
 
-    /// Returns the expectations that apply if only these nodes are evaluated. An expectation of the graph's own file about other values
+    /// Returns the expectations that apply if only the given nodes are evaluated. An expectation of the graph's own file about other values
     /// does not apply.
     pub fn expectations_for_only(&self, wanted: &[usize]) -> Vec<&GraphExpectation> {
         let needed = self.topology.needed_by(wanted);
@@ -84,7 +84,7 @@ impl Graph {
         })
     }
 
-    /// Returns the expectations that apply if these nodes are evaluated. Expectations of the graph's own file are returned only if
+    /// Returns the expectations that apply if the given nodes are evaluated. Expectations of the graph's own file are returned only if
     /// `is_meant` accepts them.
     fn expectations_where(
         &self,
@@ -112,7 +112,7 @@ impl Graph {
         self.expect.iter().zip(live).filter(|(_, live)| *live).map(|(it, _)| it).collect()
     }
 
-    /// Returns the expectations of used graphs about the values on which these nodes depend.
+    /// Returns the expectations of used graphs about the values on which the given nodes depend.
     pub fn expectations_of_uses(&self, wanted: &[usize]) -> Vec<&GraphExpectation> {
         if self.expect.iter().all(|expected| expected.of.is_none()) {
             return Vec::new();

@@ -19,7 +19,7 @@ mod functions;
 use functions::{Function, FunctionKind};
 pub(super) use functions::{function_names, is_constant};
 
-/// The result of an expression.
+/// The result of an expression: a number with its unit, or a truth value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outcome {
     Number(Quantity),
@@ -45,7 +45,7 @@ impl ExpressionError {
         self.unknown.as_deref()
     }
 
-    /// Returns the suggestion.
+    /// Returns the suggestion for a correction.
     pub(crate) fn help(&self, parameters: &BTreeMap<String, Outcome>) -> Help {
         match &self.unknown {
             Some(name) => nearest(name, parameters.keys().map(String::as_str)),
@@ -67,7 +67,7 @@ fn error<T>(message: impl Into<String>) -> Result<T, ExpressionError> {
 /// The maximum number of hyphens in a parameter name that an expression can contain.
 const MAX_HYPHENS: usize = 31;
 
-/// Evaluates the expression `text` with these values of parameters.
+/// Evaluates the expression `text` with the given values of parameters.
 ///
 /// # Errors
 /// The text is not an expression, names an unknown parameter, or mixes numbers and truth values. Or a part of it that contributes to the

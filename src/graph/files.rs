@@ -36,7 +36,7 @@ pub struct NodeFile {
 }
 
 impl NodeFile {
-    /// Creates a file that is given from outside of the graph. Its companions must be in these folders.
+    /// Creates a file that is given from outside of the graph. Its companions must be in the folders `roots`.
     pub fn from_path(path: &Path, roots: Arc<[PathBuf]>) -> Self {
         let (given, path) = (path.display().to_string(), path.to_owned());
         Self { given, path, needed: true, roots, missing: None, is_unread: false }
@@ -91,13 +91,14 @@ impl FileStats {
         Self { path: path.to_owned(), own: FileStat::read(path), companions: RefCell::default() }
     }
 
-    /// Adds a companion.
+    /// Adds the metadata of a companion, before the companion is read.
     pub fn add(&self, companion: &Path) {
         self.companions.borrow_mut().push((companion.to_owned(), FileStat::read(companion)));
     }
 
-    /// Returns the file as one that a forecast does not have to read if its value has this hash. Returns `None` for a small file, and if a
-    /// later write to the file might not change its metadata.
+    /// Returns the metadata for `KnownFiles`, so that a forecast can skip reading the file; `hash` is the hash of the file's content.
+    /// Returns `None` for a small file, for a file that has changed meanwhile, and if a later write to the file might not change its
+    /// metadata.
     pub fn into_known_file(self, hash: Hash) -> Option<KnownFile> {
         let (stamp, companions) = (self.own?, self.companions.into_inner());
         let all = companions.iter().filter_map(|(_, stamp)| *stamp).chain([stamp]);
@@ -287,7 +288,7 @@ fn size_with_companions(file: &NodeFile, readers: &Readers) -> u64 {
     all.get()
 }
 
-/// Returns the paths of a file's companions, including those that are not in these folders.
+/// Returns the paths of a file's companions, including those that are not in the folders `roots`.
 pub fn companion_paths(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec<PathBuf> {
     // Files of other formats have no companions.
     if !readers.may_name(&extension(path)) {

@@ -43,7 +43,7 @@ pub struct GraphNode {
 #[derive(Clone)]
 pub struct GraphUse {
     pub name: String,
-    /// The name of the type: `Feature`.
+    /// The name of the used type, such as `Feature`.
     pub kind: String,
     /// For each port, the linked node and output.
     pub inputs: Vec<(String, (usize, usize))>,
@@ -126,7 +126,7 @@ pub type Counts = BTreeMap<String, Count>;
 /// The result of counting the elements of a `ForEach`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Count {
-    /// The number of elements.
+    /// The data have this number of elements.
     Of(usize),
     /// The data cannot be split into elements; contains the reason.
     Refused(String),
@@ -135,7 +135,7 @@ pub enum Count {
 /// A `ForEach` over data in a flat graph.
 #[derive(Clone, Debug)]
 pub struct Loop {
-    /// Its name.
+    /// The name of the `ForEach`.
     pub name: String,
     /// The node that splits the data into elements.
     pub node: usize,

@@ -29,7 +29,7 @@ pub struct Graph {
     pub(crate) nodes: Arc<[GraphNode]>,
     pub(crate) topology: Arc<Topology>,
     pub(crate) outputs: Vec<GraphOutput>,
-    /// The file readers.
+    /// The file readers of all packs of the program.
     pub(crate) readers: Arc<Readers>,
     /// The inputs, if the graph is a function of values. In that case `ports` are its outputs.
     pub(crate) inputs: Vec<GraphInput>,
@@ -43,7 +43,7 @@ pub struct Graph {
     pub(crate) schema: serde_json::Value,
     /// The entries that are written like nodes but were expanded: uses of graphs, `ForEach` and `Switch`.
     pub(crate) uses: Arc<[GraphUse]>,
-    /// All `ForEach` over data.
+    /// All `ForEach` of the graph that iterate over data.
     pub(crate) loops: Arc<[Loop]>,
     /// Those `ForEach` over data whose number of elements is known.
     pub(crate) counted: BTreeSet<String>,
@@ -97,7 +97,7 @@ impl Graph {
         &self.expect
     }
 
-    /// Returns the file readers.
+    /// Returns the file readers with which the files of nodes are read.
     pub fn readers(&self) -> &Arc<Readers> {
         &self.readers
     }
@@ -249,10 +249,10 @@ impl Graph {
         self.topology.names.iter().position(|other| other == name)
     }
 
-    /// Returns true if the evaluation of either graph computes and writes the same. Such graphs differ only in comments and the order of
+    /// Returns true if evaluating either graph computes and writes the same data. Such graphs differ only in comments and the order of
     /// fields.
     pub fn means_the_same(&self, other: &Self) -> bool {
-        // If a graph contains an example of its elements, its parts do not determine it fully.
+        // If a graph contains an example of its elements, equal parts do not prove that the graphs are equal.
         self.stage.is_none() && self.has_the_same_parts(other)
     }
 
@@ -299,7 +299,7 @@ pub(crate) struct Stage {
     pub root: PathBuf,
     /// True if the graph has nodes of unknown types.
     pub is_partial: bool,
-    /// The inputs that are omitted.
+    /// The names of the optional inputs that are omitted.
     pub absent: BTreeSet<String>,
     pub pins: Arc<Pins>,
     /// The last expansion with its numbers of elements. The `stage` of that graph is empty.

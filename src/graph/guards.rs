@@ -13,10 +13,10 @@ use crate::flat::Guard;
 /// The index of a node, and the index of the node's output.
 type Target = (usize, usize);
 
-/// Properties of outputs.
+/// Pairs of an output and a property that the output is known to have, or to lack.
 type Facts<'p> = HashSet<(Target, &'p str)>;
 
-/// The known properties: those that the values of a flat graph are known to have before it runs.
+/// The properties that the values of a flat graph are known to have or to lack before the graph runs.
 #[derive(Default)]
 pub(super) struct KnownProperties {
     always: Facts<'static>,
@@ -54,8 +54,8 @@ impl KnownProperties {
                     Origin::From(port) => {
                         let links = node.links.iter().enumerate();
                         let mut links = links.filter(|(_, link)| link.port == port).peekable();
-                        // If there were no inputs, the condition would be trivially true. When the node runs, the guards have already
-                        // tested the inputs.
+                        // Without links from this port, `all` would be trivially true. The guards have already tested the linked values
+                        // when the node runs.
                         links.peek().is_some()
                             && links.all(|(slot, link)| {
                                 known.always.contains(&((link.node, link.output), property))

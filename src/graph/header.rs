@@ -10,7 +10,7 @@ use super::check::Check;
 /// The version of the file format that this program reads.
 const FORMAT: f64 = 1.0;
 
-/// The fields of a graph.
+/// The names of the fields that a graph file can have.
 pub(super) const FIELDS: [&str; 11] = [
     "format", "version", "doc", "packs", "use", "inputs", "params", "nodes", "outputs", "promises",
     "expect",
@@ -19,7 +19,7 @@ pub(super) const FIELDS: [&str; 11] = [
 /// The values of the fields of a graph.
 pub(super) struct Header<'t> {
     pub(super) doc: String,
-    /// The version of the graph.
+    /// The version that the graph states.
     pub(super) version: Option<&'t Tree>,
     /// The packs that the graph requires, with their versions.
     pub(super) packs: &'t [(Tree, Tree)],

@@ -22,17 +22,17 @@ use crate::flat::Lineage;
 /// The values for the inputs of a graph, by the names of the inputs.
 pub type InputValues = BTreeMap<String, AnyValue>;
 
-/// What is known about the values of a graph's inputs, by the names of the inputs.
+/// The known data about the values of a graph's inputs, by the names of the inputs.
 pub type KnownInputs = BTreeMap<String, KnownInput>;
 
 /// The values that were read for inputs, by the names of the inputs, with warnings. If reading fails, all errors.
 pub type ReadInputs<T> = Result<(BTreeMap<String, T>, Vec<Diagnostic>), Vec<Diagnostic>>;
 
-/// What is known about the value of an input. Everything except a forecast requires the value itself.
+/// The known data about the value of an input. Only a forecast can do without the value itself.
 #[derive(Clone, Debug)]
 pub enum KnownInput {
     Value(AnyValue),
-    /// The hash of the value.
+    /// Only the hash of the value is known.
     Hash(Hash),
     /// The file that contains the value, and that has not been read.
     File(NodeFile),
@@ -41,11 +41,11 @@ pub enum KnownInput {
 /// An input that a graph declares.
 #[derive(Clone, Debug)]
 pub struct GraphInput {
-    /// Its name.
+    /// The name of the input.
     pub name: String,
     /// The type of values that it takes.
     pub kind: &'static ValueType,
-    /// The description by its author.
+    /// The author's description of the input.
     pub doc: String,
     /// True if a use may omit the input, together with all links to it.
     pub optional: bool,
@@ -56,7 +56,7 @@ pub struct GraphInput {
 /// An output of a graph that has inputs. It is a value for users or callers of the graph.
 #[derive(Clone, Debug)]
 pub struct GraphPort {
-    /// Its name.
+    /// The name of the output.
     pub name: String,
     /// The type of the values. `None` if the type depends on an input.
     pub kind: Option<&'static ValueType>,

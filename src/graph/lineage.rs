@@ -1,4 +1,6 @@
-//! The values from outside of a graph on which an output depends: those to which its dependencies refer, including `Switch`es.
+//! The values from outside of a graph, such as parameters, to which an output or one of its dependencies refers. A `Switch` counts as a
+//! dependency.
+//! too.
 
 use std::collections::HashMap;
 
@@ -59,7 +61,7 @@ impl Lineage {
     }
 }
 
-/// Returns true if a target of `--set` is in the node of this name, or in the `ForEach` of which the node is an element.
+/// Returns true if the target of a `--set` is a field of the node `node`, or a field of the `ForEach` of which the node is an element.
 fn sets_field_of(target: &str, node: &str) -> bool {
     fn is_in(target: &str, node: &str) -> bool {
         target.strip_prefix(node).is_some_and(|field| field.starts_with('.'))

@@ -14,7 +14,7 @@ use crate::definition::{ForEachNode, NodeKind, ParsedNode};
 /// The maximum number of links that are followed through `ForEach`es without elements. A longer chain must be a cycle.
 const MAX_CHAINED_LINKS: usize = 64;
 
-/// The names at which a link may start.
+/// The names of the nodes and of the `ForEach`es to which a link can lead.
 pub struct Names<'e> {
     places: HashMap<String, NamedTarget>,
     pub(super) for_each_nodes: &'e [ForEachNode],
@@ -104,7 +104,7 @@ impl<'a> Check<'_, 'a> {
         }
     }
 
-    /// Returns the index of the output of this name.
+    /// Returns the index of the node's output `output`. Reports an unknown output, and returns `None` for it.
     fn output(
         &mut self,
         node: &str,
@@ -315,7 +315,7 @@ impl<'a> Check<'_, 'a> {
         }
     }
 
-    /// Returns the type of the elements that `word` selects from the linked value.
+    /// Returns the type of the elements into which a `ForEach` splits the linked value. `word` selects the kind of elements.
     fn element_type(
         &mut self,
         parsed: &ParsedNode,
@@ -436,7 +436,7 @@ impl<'a> Check<'_, 'a> {
     }
 }
 
-/// Returns true if a name is that of an element of an invalid node.
+/// Returns true if `name` is the name of an element, such as `eyes/1`, of a node that could not be checked.
 fn is_element_of_unknown(name: &str, parsed_nodes: &[ParsedNode]) -> bool {
     let outer = name.split_once('/').map(|(outer, _)| outer);
     parsed_nodes.iter().any(|parsed| {

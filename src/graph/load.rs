@@ -258,7 +258,7 @@ impl Graph {
 }
 
 impl GraphText {
-    /// Expands the graph again, without these inputs.
+    /// Expands the graph again, without the optional inputs `inputs`.
     pub(crate) fn graph_without(
         &self,
         inputs: BTreeSet<String>,

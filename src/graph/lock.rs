@@ -1,8 +1,9 @@
-//! Lock files. The file `NAME.lock.ron` next to a graph stores the graphs that this graph used at a certain time.
+//! Lock files. The lock file `NAME.lock.ron` is next to the graph `NAME.ron` and contains the texts of all graphs that it used when the
+//! lock was written.
 //!
-//! A lock compares the bytes of texts, except for line endings, because the meaning of a text depends on the program and its packs. The
-//! lock file contains the texts themselves. Changes can only be shown relative to the old text, so every clone of a project needs both
-//! texts; and a single file can be written atomically.
+//! The state of a used graph is its text, compared byte by byte except for line endings. A hash of the meaning would not be stable, because
+//! the meaning depends on the version of the program and its packs. The lock contains whole texts, not hashes, because showing what changed
+//! requires the old text in every clone of the project. All texts are in one file, because a single file can be written atomically.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};

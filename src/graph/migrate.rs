@@ -281,7 +281,7 @@ pub(super) fn migrate_node(entry: &Tree, catalog: &Catalog) -> (Tree, Vec<LocalD
                 true => format!("field `{old}` of {present} is written differently now"),
                 false => format!("field `{old}` of {present} is called `{new}` now"),
             };
-            // Only `migrate` can fix a value that changes together with its name.
+            // If the value changes together with its name, the diagnostic has no fix; only `Graph::migrate` changes both.
             let is_renamed = old != new && matches!(value, NewValue::Same) && !new.contains('.');
             diagnostics.push(outdated_name(span, message, is_renamed.then_some((old, new))));
             migrate_field(fields, at, new, *value);

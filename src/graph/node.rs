@@ -24,7 +24,7 @@ use crate::definition::{BuiltNode, CheckedFields, ForEachNode, NodeKind, ParsedN
 use crate::files::NodeFile;
 
 impl Check<'_, '_> {
-    /// Checks the fields of a node with these values of parameters. Both sides of each `Draft` must be valid.
+    /// Checks the fields of a node with the given values of parameters. The draft side and the final side of each `Draft` must be valid.
     pub(super) fn check_fields(
         &mut self,
         what: &NodeKind,
@@ -162,7 +162,7 @@ impl Check<'_, '_> {
         self.diagnostics[known..].iter().all(|diagnostic| diagnostic.code == code::MISSING_FILE)
     }
 
-    /// Returns the path of a file, and the position at which the file is named.
+    /// Returns the key of a missing file: the path of the file, and the file and span in which the path is written.
     fn place_of(&self, file: &FoundFile) -> (PathBuf, PathBuf, Span) {
         (file.resolved.clone(), self.source_map.source.name.clone(), file.at)
     }
@@ -332,7 +332,8 @@ impl Check<'_, '_> {
     }
 }
 
-/// Returns true if the type of a node is one of the used graphs. For a `ForEach`, the type is the one that it repeats.
+/// Returns true if the type of a node is the name of a used graph, not of a built-in node. The type of a `ForEach` is the type that it
+/// repeats.
 pub(super) fn is_own_type(node: &Tree, subgraphs: &[UsedGraph]) -> bool {
     kind_of(node).is_some_and(|kind| subgraphs.iter().any(|own| own.name == kind.text))
 }

@@ -28,7 +28,7 @@ pub(crate) struct Parameters {
     numbers: BTreeMap<String, Outcome>,
     /// True for a draft, in which each `Draft` has its draft value.
     draft: bool,
-    /// The units of parameters, as far as they are known, and the positions at which they are declared.
+    /// The units of those parameters whose unit is known, and the positions at which the units are declared.
     units: BTreeMap<String, (Unit, Span)>,
     /// The parameters with computed defaults, ordered so that each comes after those from which it is computed.
     derived: Arc<[Declaration]>,
@@ -38,7 +38,7 @@ pub(crate) struct Parameters {
 pub(super) struct ResolvedValue {
     pub(super) value: Tree,
     pub(super) unit: Unit,
-    /// The source of the value as it is named in messages: `Param("near")`.
+    /// The source of the value for messages, such as `Param("near")`.
     pub words: String,
     /// A second position, with its text, if another position than the value's determines the unit.
     pub(super) note: Option<(Span, String)>,
@@ -128,8 +128,8 @@ impl Parameters {
         parameters
     }
 
-    /// Returns the parameters with computed defaults, in an order in which each comes after those from which it is computed. With each come
-    /// the names in its default.
+    /// Returns the parameters with computed defaults, each with the names that occur in its default. Each parameter comes after those from
+    /// which it is computed.
     pub(crate) fn derived_parameters(
         &self,
     ) -> impl DoubleEndedIterator<Item = (&str, Vec<String>)> {
@@ -299,7 +299,7 @@ impl Parameters {
     }
 }
 
-/// Returns the value of a default for the current side of a `Draft`, and the origin of the default. The value is broken if there is none.
+/// Returns one side of a parameter's default, with the origin of the default. Returns a broken value if `side` is `None`.
 fn of_side(side: Option<&Tree>, default: &Tree) -> Tree {
     match (side, &default.origin) {
         (None, _) => Tree::new(default.span, Kind::Broken),

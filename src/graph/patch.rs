@@ -36,7 +36,7 @@ pub(super) fn patched_tree(
     }
 }
 
-/// A value that a patch sets.
+/// A value in a patch, with the target at which the patch sets it.
 struct PatchValue {
     /// The path of the value in the patched graph.
     target: String,

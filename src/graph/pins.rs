@@ -33,11 +33,11 @@ pub struct Pins {
     pub pins: BTreeMap<String, Pin>,
     /// The folder that contains the stored values.
     pub folder: PathBuf,
-    /// The file that lists the pins.
+    /// The file that lists the pins, for diagnostics.
     source: Arc<Source>,
 }
 
-/// The stored result of a node.
+/// The stored result of a pinned node.
 pub struct Pin {
     /// The type and the hash of each output.
     pub outputs: Vec<(String, Hash)>,

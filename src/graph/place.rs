@@ -151,7 +151,7 @@ fn in_call(
     }
 }
 
-/// Returns the vector with a common unit, such as `cm(1, 0, 2)`, and the index of that number in it to which a path leads.
+/// If a path leads to a number in a vector with a common unit, such as `cm(1, 0, 2)`, returns the vector and the index of the number.
 fn vector_in_unit<'t>(
     entry: &'t Tree,
     steps: &[&str],
@@ -166,7 +166,7 @@ fn vector_in_unit<'t>(
     (unit.is_some() && is_vector).then_some((vector, index))
 }
 
-/// Returns true if the value to which a path for drafts leads is inside of a `Draft`, so that final results have another value.
+/// Returns true if the value at a path is inside of a `Draft`. Changing such a value for drafts leaves the final results unchanged.
 fn is_in_draft(entry: &Tree, steps: &[&str], reached: &Tree) -> bool {
     let is_named = steps.iter().any(|step| is_side(step));
     is_named
@@ -192,7 +192,7 @@ fn new_entry(text: &str, patch: &Tree, section: &str, target: &str, value: &str)
 /// The end that a path through a value reaches.
 pub enum PathEnd<'t> {
     Value(&'t Tree),
-    /// The call that does not have the first of these fields.
+    /// The path names a missing field: the call that lacks the field, and the rest of the path, which begins with that field.
     Missing(&'t Tree, Vec<String>),
 }
 

@@ -74,7 +74,7 @@ impl Requirement {
 }
 
 impl UnmetRequirement {
-    /// Describes the violation.
+    /// Describes the violation in words.
     pub fn in_words(&self) -> String {
         format!(
             "is not {}, as required by {}: it {}",

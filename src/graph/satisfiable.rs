@@ -1,4 +1,4 @@
-//! Finds expectations that no value can satisfy, as far as the types of values show it.
+//! Finds expectations that no value can satisfy. Only contradictions within an expectation or with the types of the values are found.
 
 use std::collections::BTreeSet;
 
@@ -18,8 +18,8 @@ struct Contradiction {
 }
 
 impl Expectation {
-    /// Returns the error for an expectation that no values of these types satisfy. Unknown types are accepted. `item` is the expectation as
-    /// the file contains it.
+    /// Returns the error for an expectation that no values of the given types satisfy. Unknown types are accepted. `item` is the
+    /// expectation as the file contains it.
     pub fn find_contradiction(
         &self,
         types: &[Option<&ValueType>],
@@ -62,7 +62,7 @@ impl Expectation {
         }
     }
 
-    /// Finds quantities to be counted that values of these types do not have.
+    /// Finds quantities to be counted that values of the given types do not have.
     fn type_mismatch(&self, types: &[Option<&ValueType>]) -> Option<Contradiction> {
         let names = self.values();
         let known = |at: usize| types.get(at).copied().flatten().map(|kind| (names[at], kind));

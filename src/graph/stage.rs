@@ -48,7 +48,7 @@ impl Graph {
         self.counted.contains(name)
     }
 
-    /// Returns each `ForEach` over data.
+    /// Returns all `ForEach` of the graph that iterate over data.
     pub fn loops(&self) -> &[Loop] {
         &self.loops
     }
@@ -80,7 +80,7 @@ impl Graph {
         open.find(|it| name == it.name || is_inside(name, &it.name))
     }
 
-    /// Expands the graph with these numbers of elements. The inputs keep their values.
+    /// Expands the graph with the given numbers of elements. The inputs keep their values.
     ///
     /// # Errors
     /// The numbers cause an error, for example in a parameter that receives the number of an element.

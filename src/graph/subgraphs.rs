@@ -26,7 +26,7 @@ pub(crate) struct FoundGraph {
     pub(crate) path: PathBuf,
     /// The path without symbolic links and dots.
     pub(crate) canonical_path: PathBuf,
-    /// The path for messages. It is relative to the folder to which the path of the first graph is relative.
+    /// The path for messages, relative to the same folder as the path of the first graph.
     pub(crate) name: PathBuf,
 }
 

@@ -10,13 +10,13 @@ use super::dependencies::Dependencies;
 /// The structure of a graph, which does not contain the nodes themselves.
 #[derive(Debug)]
 pub struct Topology {
-    /// The nodes' names.
+    /// The names of the nodes.
     pub names: Arc<[String]>,
     /// For each node, a hash of its name, its recipe and its links.
     pub identities: Arc<[Hash]>,
     /// A hash of the names, recipes and links of all nodes. If two graphs have equal hashes, they are equal.
     pub identity: Hash,
-    /// The nodes that read files.
+    /// The indices of the nodes that read files.
     pub readers: Vec<usize>,
     needs: Dependencies,
 }

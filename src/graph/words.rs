@@ -37,7 +37,7 @@ pub fn words_of_choices(topic: &'static str, within: &str, schema: &Json) -> Vec
     words
 }
 
-/// Returns the fields in a schema.
+/// Returns the fields that a schema has, as words of graph files.
 pub fn words_of_fields(topic: &'static str, within: &str, schema: &Json) -> Vec<Word> {
     let fields = schema.get("properties").and_then(Json::as_object).into_iter().flatten();
     words_in(topic, within, fields.map(|(name, _)| &name[..]))

@@ -25,11 +25,11 @@ pub struct World<'a> {
     /// The files that are being read, as resolved path and name. Each file uses the next one.
     pub(crate) open_files: Vec<(PathBuf, PathBuf)>,
     pub diagnostics: Vec<Diagnostic>,
-    /// The other files of graphs, including missing files.
+    /// The files of all used graphs, including missing files.
     pub(crate) subgraphs: Vec<PathBuf>,
-    /// The references to files of other graphs that can be read.
+    /// The references from graphs to readable files of other graphs.
     pub(crate) references: Vec<GraphReference>,
-    /// The optional inputs of the first graph that it omits.
+    /// The optional inputs of the first graph that have no value.
     pub(crate) absent: BTreeSet<String>,
     /// The diagnostics of missing files, by the paths of the files and the positions of their names.
     pub(crate) missing: HashMap<(PathBuf, PathBuf, Span), Arc<Diagnostic>>,

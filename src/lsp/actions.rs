@@ -41,7 +41,7 @@ impl Server {
             let (problems, _) =
                 kind.diagnostics(&subject.path, text.to_owned(), &self.catalog, &subject.options);
             let library = self.library(&subject.path, &subject.options);
-            // A text for a missing field is offered only if it reduces the number of errors, which a link that causes a cycle does not.
+            // A text for a missing field is offered only if it reduces the number of errors. A link that would cause a cycle does not.
             fn errors(all: &[Diagnostic]) -> usize {
                 all.iter().filter(|problem| problem.severity == Severity::Error).count()
             }
@@ -80,7 +80,7 @@ impl Server {
                 }
             }
         }
-        // Editors must request this kind explicitly. They do so on save.
+        // The action that fixes all errors is offered only if the editor explicitly requests its kind, as editors do on save.
         let is_all = only.is_some() && wants("source.fixAll", &only);
         if is_all && kind == FileKind::Graph {
             let (mended, problems) =

@@ -353,7 +353,7 @@ impl Server {
         Ok(files.into_iter().map(|(span, path): (Span, std::path::PathBuf)| json!({ "range": subject.lines.range(span), "target": self.uri(&path) })).collect())
     }
 
-    /// Returns inlay hints with the last results at the end of the first line of each node.
+    /// Returns inlay hints at the end of the first line of each node. They show the results of the last evaluation.
     fn hints(&mut self, subject: &Subject<'_>, first: u32, last_line: u32) -> Json {
         let text = subject.lines.text();
         if !self.choices.hints {

@@ -36,8 +36,8 @@ pub(super) fn of_client(capabilities: &Json) -> ClientCapabilities {
         has_action_literals: capabilities
             .pointer("/textDocument/codeAction/codeActionLiteralSupport")
             .is_some_and(Json::is_object)
-            // Either of these implies literal actions: resolving applies only to literal actions, and edits that create files came later to
-            // the protocol.
+            // Each of the following two capabilities implies literal actions: only literal actions can be resolved, and edits that create
+            // files are newer in the protocol than literal actions.
             || has("/textDocument/codeAction/resolveSupport/properties", "edit", capabilities)
             || has("/workspace/workspaceEdit/resourceOperations", "create", capabilities),
         has_symbol_trees: can("/textDocument/documentSymbol/hierarchicalDocumentSymbolSupport"),

@@ -161,7 +161,7 @@ fn problems(
     let OpenDocument { path, text, .. } = document;
     let kind = FileKind::detect(path, text);
     let find = || {
-        // This does the same as `kind.problems`, which does not return the files that the graph reads.
+        // `kind.diagnostics` would report the same, but not return the files that the graph reads.
         if kind == FileKind::Graph {
             let checked = Graph::load_text(path, text.to_string(), catalog, options);
             let unused = checked.graph.as_ref().map(Graph::unused_warnings).unwrap_or_default();

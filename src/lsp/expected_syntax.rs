@@ -14,7 +14,7 @@ use super::scope::Scope;
 /// The kind of value that is expected at a position.
 #[derive(Clone)]
 pub(super) enum ExpectedSyntax {
-    /// The whole file.
+    /// The file as a whole, such as `Graph(..)` or `Test(..)`.
     File,
     /// A value that `schema` describes; `root` is the document with the definitions to which the schema refers.
     Value { schema: Rc<Json>, root: Rc<Json> },
@@ -42,7 +42,7 @@ pub(super) enum ExpectedSyntax {
     Expected,
     /// A name from the graph that this file patches or tests.
     Name(Keys),
-    /// The value of the field `over` of a `ForEach`; the fields are those of its forms with parentheses.
+    /// The value of the field `over` of a `ForEach`, with the fields of its forms in parentheses.
     Over(Rc<Vec<FieldInfo>>),
     /// One of several keywords, each with its documentation.
     Words(Rc<Vec<(String, String)>>),

@@ -39,7 +39,7 @@ struct Hover<'a> {
     cursor: &'a Cursor,
     last: &'a LastRun,
     word: &'a str,
-    /// The byte offset of the position in the word.
+    /// The byte offset of the pointer within the word.
     at: usize,
 }
 

@@ -113,7 +113,7 @@ impl<'a> Library<'a> {
         let mut path = self.resolve(&scope.target.as_ref()?.text);
         let schema = Graph::load(&path, self.catalog, self.options).graph;
         let schema = schema.map(|graph| Rc::new(graph.schema().clone()));
-        // Each step follows one patch; the limit of steps ends cycles.
+        // Each step follows a patch to the file that it patches. The limit of 16 steps ends cycles of patches.
         for _ in 0..16 {
             let scope = Scope::parse(&self.options.text(&path).ok()?);
             match &scope.target {

@@ -52,18 +52,13 @@ const TABLES: [(&str, &str, bool); 4] = [
 ];
 
 impl Topic {
-    /// Renders the text for a program with these nodes and formats.
+    /// Renders the text of the topic. Its tables list the nodes and file formats in the catalog.
     pub fn render(&self, catalog: &Catalog) -> String {
         let text = self.text.replace(ROWS, &rows(catalog));
         TABLES.iter().fold(text, |text, (mark, kind, is_read)| match text.contains(mark) {
             true => text.replace(mark, &fidelity_table(catalog, kind, *is_read)),
             false => text,
         })
-    }
-
-    /// Returns the title.
-    pub(crate) fn title(&self) -> &'static str {
-        self.text.lines().next().unwrap_or_default().trim_start_matches("# ")
     }
 }
 
@@ -140,10 +135,4 @@ pub fn topic(name: &str) -> Option<&'static Topic> {
 pub fn topics_about(word: &str) -> Vec<&'static str> {
     let word = format!("`{word}`");
     TOPICS.iter().filter(|topic| topic.text.contains(&word)).map(|topic| topic.name).collect()
-}
-
-/// Lists all topics with their titles, one per line.
-pub fn contents() -> String {
-    let longest = TOPICS.iter().map(|topic| topic.name.len()).max().unwrap_or(0);
-    TOPICS.iter().map(|topic| format!("  {:<longest$}  {}\n", topic.name, topic.title())).collect()
 }

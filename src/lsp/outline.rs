@@ -10,7 +10,7 @@ use super::expected_syntax::{ExpectedSyntax, SyntaxResolver};
 use super::library::Library;
 use super::scope::Scope;
 
-/// An entry of a section. Its span is from the beginning of the name to the end of the value.
+/// An entry of a section of the file, such as a node. Its span is from the beginning of the name to the end of the value.
 pub(super) struct Symbol {
     pub(super) name: String,
     pub(super) kind: String,
@@ -18,7 +18,7 @@ pub(super) struct Symbol {
     pub(super) at: Span,
 }
 
-/// A section with its entries.
+/// A section of a file, such as `nodes`, with its entries.
 pub(super) struct Section {
     pub(super) name: String,
     pub(super) span: Span,

@@ -16,10 +16,10 @@ use maquette_syntax::error::{Diagnostic, Severity, Span};
 use maquette_syntax::paths::project_root;
 use maquette_syntax::{WalkEvent, for_each_word};
 
-/// The maximum depth of folders that are searched.
+/// The maximum depth of the subfolders in which the files of a project are searched.
 const MAX_DEPTH: usize = 12;
 
-/// The maximum number of files that are read.
+/// The maximum number of files of a project that are read.
 const MAX_FILES: usize = 5_000;
 
 /// The files of a project, with the names that occur in them.
@@ -37,7 +37,7 @@ pub(super) struct Occurrence {
     pub(super) is_field: bool,
 }
 
-/// The new texts of some files, by path.
+/// The new texts of changed files, by path.
 pub(super) type Texts = BTreeMap<PathBuf, String>;
 
 impl Project {

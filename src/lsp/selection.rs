@@ -49,7 +49,8 @@ pub(super) fn selection(lines: &Lines<'_>, at: usize) -> Json {
 /// Returns the lines of the formatted text that replace the lines of a span, and the span of the old text that they replace. Returns `None`
 /// if other lines would change, too.
 pub(super) fn formatted_lines(old: &str, new: &str, span: Span) -> Option<(Span, String)> {
-    // Characters are matched between the texts, because formatting changes only white space and commas.
+    // Returns true if formatting keeps this character. Formatting changes only white space and commas, so the kept characters of both texts
+    // match one to one.
     fn is_kept(c: char) -> bool {
         !c.is_whitespace() && c != ','
     }

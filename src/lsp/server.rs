@@ -49,7 +49,7 @@ pub struct Setup {
 pub struct Settings {
     /// Folders outside of the project from which graphs may read.
     pub(crate) roots: Vec<PathBuf>,
-    /// True if shapes and times are shown as inlay hints.
+    /// True if the shapes and times of results are shown as inlay hints.
     pub(crate) hints: bool,
     /// True if the editor shows the results of commands itself.
     pub(crate) shows: bool,

@@ -25,7 +25,7 @@ fn kind_of(section: &Section) -> u8 {
     }
 }
 
-/// Returns the sections of a text, each with its entries.
+/// Returns the document symbols of a text: its sections, each with its entries as children.
 pub(super) fn symbols(lines: &Lines<'_>) -> Json {
     let sections = outline::sections(lines.text());
     let symbols = sections.iter().map(|section| {

@@ -51,7 +51,8 @@ pub fn stdio(log: Option<&Path>) -> io::Result<(Connection, Threads)> {
     let log = MessageLog::new(log)?;
     let (to_server, receiver) = crossbeam_channel::bounded(QUEUE);
     let (sender, to_editor) = crossbeam_channel::unbounded::<Message>();
-    // The reader may outlive the server. It has a separate channel for errors, because it would keep the server's channel open.
+    // The reader thread may outlive the server. If it could send errors through the server's channel, that channel would stay open. So the
+    // thread has a separate channel for errors.
     let (errors, refusals) = crossbeam_channel::unbounded();
     let reader_log = log.clone();
     std::thread::spawn(move || {

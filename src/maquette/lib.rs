@@ -2,7 +2,7 @@
 //!
 //! # A tour
 //!
-//! A graph is a text. A [`Session`] checks it, evaluates what is wanted of it, each step once, and remembers results:
+//! A graph is a text. A [`Session`] checks a graph, evaluates the requested outputs, and caches the result of each node:
 //!
 //! ```
 //! use maquette::value::Mesh;
@@ -26,11 +26,11 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! What travels on links are [`Value`]s: meshes, range images, curves and what else [`value`] has, or a pack brings. What reads them
-//! from files and writes them is in [`format`](mod@format).
+//! Links between nodes carry [`Value`]s: meshes, range images, curves and the other types in [`value`] and in packs. The readers and
+//! writers of their files are in [`format`](mod@format).
 //!
-//! A node is a struct whose fields are its ports and parameters, and a pure function. Its documentation is the user's manual. A [`Pack`]
-//! lists nodes; packs are all that a program is made of:
+//! A node type is a struct with a pure function. The fields of the struct are the ports and parameters of the node, and its doc comments
+//! are the manual for users. A [`Pack`] lists node types, and a program consists of packs:
 //!
 //! ```
 //! use maquette::value::Mesh;
@@ -41,9 +41,9 @@
 //! /// Lifts a mesh.
 //! #[derive(Serialize, Deserialize, JsonSchema)]
 //! pub struct Lift {
-//!     /// What is lifted.
+//!     /// The mesh to lift.
 //!     pub mesh: In<Mesh>,
-//!     /// How high.
+//!     /// The distance by which the mesh is lifted, along z.
 //!     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
 //!     pub height: f64,
 //! }
@@ -63,8 +63,9 @@
 //!     Pack { name: "lift", nodes: &[node::<Lift>()], ..Pack::EMPTY };
 //! ```
 //!
-//! [`conformance::check`] tells which laws a pack breaks; `maquette_cli::main` with some packs is a program with all commands. `examples/embed.rs`
-//! is a host in forty lines, and `docs/architecture.md` describes how it is built.
+//! [`conformance::check`] reports the rules for nodes that a pack violates. A program that calls `maquette_cli::main` with packs has all
+//! commands. `examples/embed.rs` embeds the engine in another program in forty lines, and `docs/architecture.md` describes the design of
+//! the engine.
 
 pub use maquette_diagram as diagram;
 pub use maquette_edit as edit;

@@ -18,7 +18,7 @@ use std::fmt::Display;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limit {
-    /// The maximum number of items.
+    /// The maximum number of items that the node creates.
     pub max: usize,
     /// The name of the items in the plural: `triangles`.
     pub items: &'static str,
@@ -86,7 +86,7 @@ pub struct MemoryError {
     /// The memory in bytes that other results and nodes hold.
     #[doc(hidden)]
     pub held: u64,
-    /// The memory budget in bytes.
+    /// The memory budget for all results and nodes together, in bytes.
     #[doc(hidden)]
     pub most: u64,
     #[doc(hidden)]

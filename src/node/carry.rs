@@ -9,7 +9,7 @@ pub enum Transfer {
     Kept,
     /// Each new value is interpolated between the values of the elements from which the new element was made.
     Interpolated,
-    /// The attributes are removed.
+    /// The outputs do not have the attributes.
     Dropped,
 }
 
@@ -61,7 +61,7 @@ impl Carry {
         Self { cells: Some(fate), ..self }
     }
 
-    /// Excludes the attributes with these names, because the node computes them itself.
+    /// Excludes the attributes with the given names, because the node computes them itself.
     #[must_use]
     pub const fn excluding(self, own: &'static [&'static str]) -> Self {
         Self { own, ..self }

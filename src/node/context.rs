@@ -78,7 +78,7 @@ impl CancelToken {
     }
 }
 
-/// A store of memoized results.
+/// A store of memoized results, which the evaluator provides.
 #[doc(hidden)]
 pub trait Memos: Sync {
     fn find(&self, key: Hash) -> Option<AnyValue>;

@@ -27,11 +27,11 @@ pub enum DataKind {
     CornerAttributes,
     /// The sharpness of creased edges, which is the only attribute of edges.
     Creases,
-    /// Colors of materials.
+    /// The colors of materials.
     Materials,
-    /// Textures.
+    /// The textures of materials.
     Pictures,
-    /// The unit of lengths.
+    /// The unit in which the file measures lengths.
     Units,
     /// The axis that points up.
     UpAxis,

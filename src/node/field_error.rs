@@ -7,7 +7,7 @@ use std::fmt::Display;
 pub struct FieldError {
     /// The field to be changed. Empty if the error does not concern a single field.
     pub field: &'static str,
-    /// The message, without a position.
+    /// The message, without the position of the field.
     pub message: String,
     /// The help text, which may be empty.
     pub help: String,

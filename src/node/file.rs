@@ -29,7 +29,7 @@ pub struct FilePath {
 }
 
 impl FilePath {
-    /// Returns true if no file is named.
+    /// Returns true if the path is empty, so the field names no file.
     pub fn is_empty(&self) -> bool {
         self.given.is_empty()
     }

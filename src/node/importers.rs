@@ -19,10 +19,10 @@ use crate::fidelity::Fidelities;
 
 /// A reader that reads one type of values from one kind of files.
 pub trait FileReader {
-    /// The type of the values.
+    /// The type of values that the reader returns.
     type Value: Value;
 
-    /// The extensions of the files that it reads, in lower case, without the dot.
+    /// The extensions of the files that the reader reads, in lower case, without the dot.
     const EXTENSIONS: &'static [&'static str];
 
     /// The data of meshes and points that the reader preserves. `maquette help formats` prints it.
@@ -55,7 +55,7 @@ pub enum ColorRange {
 /// Returns the content of a companion file, or the reason why it cannot be read.
 pub type CompanionLookup<'a> = dyn Fn(&str) -> Result<Arc<[u8]>, String> + 'a;
 
-/// A file passed to a reader.
+/// A file that is passed to a reader, with access to its companion files.
 pub struct InputFile<'a> {
     name: &'a str,
     bytes: &'a [u8],
@@ -123,7 +123,7 @@ impl<'a> InputFile<'a> {
 /// The description of a reader, without its Rust type. [`reader()`] creates it.
 #[derive(Clone, Copy)]
 pub struct AnyReader {
-    /// The extensions of the files that it reads.
+    /// The extensions of the files that the reader reads.
     pub extensions: &'static [&'static str],
     kind: fn() -> &'static ValueType,
     read: fn(&InputFile<'_>) -> Result<AnyValue, Error>,
@@ -144,15 +144,15 @@ pub const fn reader<R: FileReader>() -> AnyReader {
     }
 }
 
-/// Error of a file for which there is no reader: none has its extension and the type of value.
+/// Error of reading a file for which no reader exists: none reads files of this extension as values of the wanted type.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no {what} can be read from {}; supported extensions: {}", if extension.is_empty() { "a file without an extension".into() } else { format!("`.{extension}`") }, known.join(", "))]
 pub struct NoReader {
     /// The type of values, or the word `value` if any type is accepted.
     pub what: &'static str,
-    /// The extension of the file.
+    /// The extension of the file that cannot be read.
     pub extension: String,
-    /// The supported extensions.
+    /// The extensions that can be read as that type of values.
     pub known: Vec<&'static str>,
 }
 
@@ -337,7 +337,7 @@ impl Readers {
 }
 
 impl AnyReader {
-    /// Returns the type of values.
+    /// Returns the type of values that the reader returns.
     #[doc(hidden)]
     pub fn kind(&self) -> &'static ValueType {
         (self.kind)()

@@ -77,7 +77,7 @@ pub trait AnyNode: Send + Sync {
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error>;
     fn files(&self) -> Vec<FilePath>;
 
-    /// See [`Node::check`].
+    /// Checks conditions on parameters and links before the graph runs: see [`Node::check`].
     fn check(&self) -> Result<(), FieldError> {
         Ok(())
     }

@@ -107,7 +107,7 @@ pub enum Migration {
     Node {
         /// The old name of the node type. No present node may have it.
         old: &'static str,
-        /// The new name.
+        /// The new name of the node type.
         new: &'static str,
     },
     /// A field was renamed or moved. Its value may be written differently, too.
@@ -119,7 +119,7 @@ pub enum Migration {
         old: &'static str,
         /// The new name of the field. It is `group.name` if the field was moved into a group of fields.
         new: &'static str,
-        /// The change of the value.
+        /// The change of the value that comes with the new name.
         value: NewValue,
     },
 }
@@ -127,7 +127,7 @@ pub enum Migration {
 /// The change of the value of a renamed field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NewValue {
-    /// The value does not change.
+    /// The value stays as it is written.
     Same,
     /// The number has another unit now, so it is multiplied by this factor. All numbers of a list or tuple are multiplied, and also
     /// parameters and expressions.
@@ -138,7 +138,7 @@ pub enum NewValue {
 
 /// A file format: writes values of one type to one kind of files.
 pub trait FileFormat {
-    /// The type of the values.
+    /// The type of values that the format stores.
     type Value: Value;
 
     /// The extension of the files, in lower case, without the dot.
@@ -204,7 +204,7 @@ impl NewFile {
     }
 }
 
-/// Writes a value to files.
+/// A function that writes a value to files, with provenance if a signature is given.
 type WriteFunction = fn(&AnyValue, &str, Option<&Signature>) -> Result<Vec<NewFile>, Error>;
 
 /// Returns the content of a value in pieces. `None` if the format does not support pieces.

@@ -25,7 +25,7 @@ pub struct Promise<N> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[doc(hidden)]
 pub enum Source {
-    /// The property always holds.
+    /// The output always has the property.
     Always,
     /// The property holds if there is at least one value at this port and all values at the port have the property.
     From(&'static str),

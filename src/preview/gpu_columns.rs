@@ -263,7 +263,7 @@ fn mark_violations(mut layers: Vec<Layer>, broken: &[UnmetRequirement]) -> Vec<L
     layers
 }
 
-/// Converts items to bytes.
+/// The items of a column, which can be read as bytes.
 struct RawItems<T>(Column<T>);
 
 impl<T: NoUninit + Send + Sync> AsRef<[u8]> for RawItems<T> {
@@ -276,7 +276,7 @@ fn bytes_of<T: NoUninit>(items: &[T]) -> Vec<u8> {
     bytemuck::cast_slice(items).to_vec()
 }
 
-/// Returns the name of a column. The hash is that of its content, or of the value from which it is computed.
+/// Returns the name of a column. `hash` is the hash of the column's content, or of the value from which the column is computed.
 fn name_of(hash: Hash) -> String {
     hash.to_string()[..32].to_owned()
 }

@@ -24,8 +24,8 @@ impl PageState {
         Location::deserialize(boxes.find(|item| item["name"] == name)?).ok()
     }
 
-    /// Returns true if a current diagnostic, its note, or a use that leads to the diagnostic is at this location. A page may open only such
-    /// locations and those of boxes.
+    /// Returns true if a current diagnostic is at this location, or its note, or a use of a graph that leads to the diagnostic. A page may
+    /// open only these locations and the locations of boxes.
     pub(super) fn has_problem_at(&self, place: &Location) -> bool {
         let text = lock_ignoring_poison(&self.feed).problems.clone();
         let event = text.and_then(|text| serde_json::from_str::<Json>(&text).ok());

@@ -107,7 +107,7 @@ pub const MAX_KEPT: usize = 64;
 #[derive(Default)]
 pub struct Values {
     pub(crate) current: BTreeMap<ViewedOutput, Arc<ViewedValue>>,
-    /// Previous values, the newest last. Pages still have columns of these values and need only the changes since then.
+    /// Previous values, the newest last. A page that still has the columns of a previous value needs only the changes since then.
     pub(crate) previous: VecDeque<Arc<ViewedValue>>,
 }
 
@@ -121,7 +121,7 @@ impl Values {
         let gone = self.current.extract_if(.., |viewed, _| !views.contains(viewed));
         let gone: Vec<_> = gone.map(|(_, shown)| shown).collect();
         if views.is_empty() {
-            // No output is viewed, so no page has columns that changes could update.
+            // No page views an output, so no page has older columns that could be updated by their changes.
             return self.previous.clear();
         }
         self.keep(gone);

@@ -67,7 +67,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
 /// The sites that may embed the page in a frame: none.
 const NO_FRAMES: &str = "'none'";
 
-/// The sites that may embed the page in a frame if editors may.
+/// The sites that may embed the page in a frame if embedding in editors is allowed.
 const EDITORS: &str =
     "vscode-webview: vscode-file: https://*.vscode-cdn.net http://127.0.0.1:* http://localhost:*";
 
@@ -255,7 +255,7 @@ async fn facts(State(shared): State<Arc<PageState>>, Path(hash): Path<String>) -
     }
 }
 
-/// The parameters of a request for a column: the name of the column that the page already has.
+/// The parameters of a request for a column: the name of the older version of the column that the page already has.
 #[derive(Deserialize)]
 struct ColumnRequest {
     from: Option<String>,
@@ -455,7 +455,8 @@ fn text_of<'h>(headers: &'h HeaderMap, name: &HeaderName) -> Option<&'h str> {
     headers.get(name)?.to_str().ok()
 }
 
-/// Compares two texts in constant time, so that the time does not reveal the position of the first difference.
+/// Returns true if two texts are equal. The comparison takes constant time, so the time does not reveal the position of the first
+/// difference.
 fn is_same(a: &str, b: &str) -> bool {
     a.len() == b.len() && a.bytes().zip(b.bytes()).fold(0, |all, (a, b)| all | (a ^ b)) == 0
 }

@@ -17,7 +17,7 @@ pub struct Address {
     credentials: Credentials,
 }
 
-/// The credentials for a server.
+/// The credentials that are sent with each request.
 #[derive(Clone, PartialEq, Eq)]
 enum Credentials {
     Anonymous,

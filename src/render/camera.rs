@@ -100,8 +100,8 @@ impl Camera {
         }
     }
 
-    /// Aims at another target. If it is a point, the scale does not change. A box just fits into the picture: the camera gets a longer
-    /// lens, not a nearer viewer, so that nothing gets behind the viewer.
+    /// Aims at another target. If the target is a point, the scale does not change. If it is a box, the box just fits into the picture: the
+    /// camera gets a longer lens instead of moving nearer, so that nothing gets behind the viewer.
     fn aim_at(&mut self, aim: &Aim, meshes: &[&Mesh], zoom: f64) {
         let [low, high] = match *aim {
             Aim::Point(point) => [point; 2],

@@ -24,7 +24,7 @@ const PIXELS_PER_LINE: usize = 400;
 /// A picture on which a flat picture is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Backdrop<'a> {
-    /// The picture.
+    /// The picture that is below the flat picture.
     pub image: &'a Image,
     /// The map from the pixels of the picture on top to those of the backdrop. If omitted, the corners of both pictures are aligned.
     pub registration: Option<Registration>,
@@ -110,7 +110,7 @@ fn line(color: Rgb) -> Rgb {
     if saturation(color) > 0.0 { color } else { OUTLINE }
 }
 
-/// Blends a color over a pixel.
+/// Blends a color over a pixel of the backdrop.
 fn tint(pixel: Rgb, color: Rgb) -> Rgb {
     let opacity = OPACITY * (saturation(color) / OPAQUE_SATURATION).min(1.0);
     [0, 1, 2].map(|k| {

@@ -1,7 +1,8 @@
 //! Rasterization: determines which triangle is visible at each sample.
 //!
-//! Vertices are rounded to sixteenths of samples, and edge functions are computed with integers. Therefore a sample on a shared edge
-//! belongs to exactly one of the two triangles: Pineda, "A parallel algorithm for polygon rasterization" (1988), with the top-left rule.
+//! Vertices are rounded to sixteenths of samples, so edge functions are integers and their signs are exact. By these signs and the top-left
+//! rule, a sample on a shared edge belongs to exactly one of the two triangles: Pineda, "A parallel algorithm for polygon rasterization"
+//! (1988).
 
 use maquette_value::Rgb;
 use maquette_value::parallel::*;
@@ -75,7 +76,7 @@ struct Outline {
 }
 
 impl Outline {
-    /// Returns `None` for a triangle that the viewer sees from its edge.
+    /// Projects a triangle. Returns `None` if the viewer sees only the edge of the triangle, so that its projected area is 0.
     fn new(scene: &Scene<'_>, triangle: Triangle) -> Option<Self> {
         let at = array3(|k| {
             let [column, row] = scene.projected[triangle.vertices[k] as usize].position;
@@ -122,7 +123,7 @@ fn center(sample: i64) -> i64 {
     sample * parts + parts / 2
 }
 
-/// The samples of a band.
+/// The samples of one band of pixel rows.
 pub(super) struct Band {
     first_row: usize,
     /// The number of samples per row.
@@ -261,7 +262,7 @@ impl<F: Fn(usize) -> Light> Kernel for Pixels<'_, F> {
 /// A cache of the triangles that were shaded last, because neighboring pixels show the same triangles.
 struct TriangleCache<'a> {
     scene: &'a Scene<'a>,
-    /// The triangles, in positions that are the last bits of their indices.
+    /// The cached triangles. The position of a triangle in the array is given by the last five bits of its index.
     entries: [Option<ShadedTriangle<'a>>; 32],
 }
 
@@ -315,8 +316,8 @@ struct ShadedTriangle<'a> {
     is_inner: bool,
     /// Twice the area, in squares of parts of samples.
     area: f64,
-    /// For each corner, the edge opposite to it: the columns and rows of the starts of all edges, and those of the vectors from start to
-    /// end.
+    /// For each corner, the start of the edge opposite to it: first the columns of all starts, then the rows. `along` contains the vectors
+    /// from the starts to the ends of these edges in the same layout.
     from: [[f64; 4]; 2],
     along: [[f64; 4]; 2],
     facet: Facet<'a>,

@@ -17,7 +17,7 @@ const CHUNK: usize = 4096;
 /// at that vertex. With a smaller angle round objects would show facets; with a larger angle boxes would look like pillows.
 pub(super) const FLAT: f32 = 0.642_787_6;
 
-/// The corners, triangles and vertices of all meshes. Those of one mesh come after those of another.
+/// The corners, triangles and vertices of all meshes, stored mesh by mesh.
 pub(super) struct Scene<'a> {
     corners: Cow<'a, [u32]>,
     /// The three corners of each triangle. `None` if all faces are triangles.
@@ -60,7 +60,7 @@ pub(super) struct Paint<'a> {
     mesh: &'a Mesh,
     uv: Option<Data<'a, [f64; 2]>>,
     colors: Option<Data<'a, Rgb>>,
-    /// The texture of each material.
+    /// The texture of each material and its continuation beyond the border. `None` for a material without a texture.
     pictures: Vec<Option<(&'a Image, [Wrap; 2])>>,
     /// The material index of each corner. Present only if there are several materials.
     materials: Option<Vec<u32>>,

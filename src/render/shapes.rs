@@ -373,10 +373,10 @@ impl SeparateVertices {
     }
 }
 
-/// The normals of a mesh.
+/// The source of the normals of a mesh.
 enum Normals<'a> {
     Given(Data<'a, [f64; 3]>),
-    /// The normal at each vertex of the mesh.
+    /// Normals that were computed from the faces, one per vertex of the mesh.
     Computed(Column<[f32; 3]>),
 }
 

@@ -79,7 +79,7 @@ struct Solids {
 }
 
 impl Solids {
-    /// Collects all layers except faces, and converts them to these axes.
+    /// Collects all layers except faces, and converts them to the axes `axes`.
     fn from_layers(layers: &[Layer], axes: Axes) -> Self {
         let mut all = Self::default();
         for layer in layers {
@@ -237,7 +237,7 @@ impl Pieces {
         self.faces.extend(faces.iter().map(|face| face.map(|vertex| first + vertex)));
     }
 
-    /// Adds an octahedron.
+    /// Adds an octahedron that represents a point.
     fn point(&mut self, at: Point3<f64>, radius: f64, color: Rgb) {
         let corners: [_; 6] = std::array::from_fn(|k: usize| {
             let mut corner = at;

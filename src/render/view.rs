@@ -10,7 +10,7 @@ use super::flat::Backdrop;
 /// x to the right, y up, and z towards the viewer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// The width and height in pixels.
+    /// The width and height of the picture in pixels.
     pub size: [usize; 2],
     /// The angle by which the camera moves around the mesh to the right, in degrees.
     pub yaw: f64,
@@ -85,7 +85,7 @@ pub enum Representation {
     Native,
     /// As `Native`, except that a flat picture is scaled to the size of the view.
     Fitted,
-    /// The value in space.
+    /// The value is drawn in space, as the camera sees it.
     Space,
 }
 

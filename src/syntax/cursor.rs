@@ -16,7 +16,7 @@ pub struct Cursor {
     pub typed: TypedToken,
 }
 
-/// An open bracket.
+/// A bracket that is open at a position, with the names in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
     /// The character of the bracket: `(`, `[` or `{`.
@@ -45,9 +45,9 @@ pub struct TypedToken {
 pub enum TypedKind {
     /// There is no token at the position.
     Nothing,
-    /// A word, or a number.
+    /// The token is a word or a number.
     Word,
-    /// A string in quotes.
+    /// The token is a string in quotes.
     Text,
     Comment,
 }
@@ -233,7 +233,7 @@ pub fn cursor(text: &str, at: usize) -> Cursor {
     Cursor { frames: describe_cursor, typed }
 }
 
-/// Adds the fields and keys after the position to those of the open brackets.
+/// Adds the fields and keys that follow the position to the open brackets that contain them.
 fn complete_frames(
     text: &str,
     mut around: Vec<Frame>,
@@ -242,7 +242,7 @@ fn complete_frames(
     rest: impl Iterator<Item = (SyntaxKind, Span)>,
 ) -> Vec<Frame> {
     let mut depth = around.len();
-    // The word that is being typed is not a name of the text yet.
+    // The word before the position is still being typed, so a colon after the position must not make it a name.
     walk.last = None;
     for (kind, span) in std::iter::once(next).chain(rest) {
         walk.process_token(text, kind, span, &mut |_, _| {});

@@ -60,12 +60,12 @@ impl fmt::Debug for Error {
 #[error("cancelled")]
 pub struct CancelledError;
 
-/// The severity of a diagnostic.
+/// The severity of a diagnostic: error or warning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// The graph cannot run.
+    /// A diagnostic that prevents the graph from running.
     Error,
-    /// The graph can run, but its result may not be the intended one.
+    /// A diagnostic about a graph that can run, but whose result may not be the intended one.
     Warning,
 }
 
@@ -144,7 +144,7 @@ pub const MAX_REPORTED: usize = 100;
 /// The name and text of a graph file, for messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Source {
-    /// The path as the user wrote it.
+    /// The path of the file, as the user wrote it.
     pub name: PathBuf,
     pub text: String,
 }

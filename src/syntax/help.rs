@@ -20,7 +20,7 @@ pub struct Help {
 enum Fix {
     /// Replaces the name `from` within the span of the diagnostic.
     Rename { from: String, to: String },
-    /// Replaces each span by the text.
+    /// Replaces each span in the list by the text next to it.
     Edits(Vec<(Span, String)>),
     /// Adds a link at a port. The source of the link is chosen later among the nodes of the graph.
     Link { port: String, wants: Vec<String> },
@@ -62,7 +62,7 @@ impl Help {
         }
     }
 
-    /// Replaces the fix by these edits.
+    /// Replaces the fix of the help by `edits`.
     pub fn set_edits(&mut self, edits: Vec<(Span, String)>) {
         self.fix = Some(Box::new(Fix::Edits(edits)));
     }

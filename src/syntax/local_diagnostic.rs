@@ -29,7 +29,7 @@ impl LocalDiagnostic {
     /// Adds the file. The severity is a warning for [`code::OUTDATED`], and an error otherwise.
     pub fn into_diagnostic(self, source: &Arc<Source>) -> Diagnostic {
         let Self { code, span, message, help, note } = self;
-        // Old names still work.
+        // An old name still works, so it is not an error.
         let severity = if code == code::OUTDATED { Severity::Warning } else { Severity::Error };
         Diagnostic {
             fix: help.edits(&source.text, span),

@@ -29,8 +29,8 @@ pub(crate) struct Recovery {
 /// The maximum number of syntax errors in a text that is recovered. Each error costs a pass over the whole text.
 const MAX_ERRORS: usize = 1000;
 
-/// Recovers the value of a text with these errors of the parser. Returns `None` if the value cannot be recovered, or if there are more than
-/// [`MAX_ERRORS`] errors.
+/// Recovers the value of a text in which the parser has found the errors `found`. Returns `None` if the value cannot be recovered, or if
+/// there are more than [`MAX_ERRORS`] errors.
 pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
     if conflict_error(text).is_some() || MAX_ERRORS < found.len() {
         return None;
@@ -69,7 +69,7 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
     let is_hidden = !is_unterminated && (!quotes.is_empty() || !brackets.is_empty());
     let hidden = if is_hidden { parse(&repair.text).1 } else { Vec::new() };
     let Separators { edits, doubtful, strange } = Separators::analyze(&repair.text);
-    // All other errors of the parser in the present text are consequences of the errors that these edits fix.
+    // All other errors of the parser in the present text are consequences of the errors that the edits fix.
     fn first_affected(edit: &Edit, repair_text: &str) -> usize {
         let rest = &repair_text[edit.0.start..];
         repair_text.len() - rest.trim_start().len()
@@ -206,9 +206,9 @@ fn unclosed_strings(text: &str) -> Vec<(Span, Edit)> {
 #[derive(Default)]
 struct Separators {
     edits: Vec<Edit>,
-    /// Parts whose name may be another one, or that may have no name.
+    /// The spans of parts whose name was guessed: the part may have another name or none.
     doubtful: Vec<Span>,
-    /// Pieces of the text without meaning.
+    /// The spans of pieces of the text that have no meaning.
     strange: Vec<Span>,
 }
 
@@ -287,7 +287,7 @@ mod tests {
     use super::super::tree::Field;
     use super::*;
 
-    /// Formats a value.
+    /// Formats a value as text, for comparisons in tests.
     fn format_tree(tree: &Tree) -> String {
         fn format_all(trees: &[Tree]) -> String {
             trees.iter().map(format_tree).collect::<Vec<_>>().join(", ")

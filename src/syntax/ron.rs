@@ -74,7 +74,7 @@ fn map(entries: &Map<String, Json>, schema: &Json, root: &Json) -> String {
     format!("{{{}}}", entries.collect::<Vec<_>>().join(", "))
 }
 
-/// Quotes and escapes a string.
+/// Converts a text to a RON string: adds quotes and escapes.
 pub fn quote(text: &str) -> String {
     let mut quoted = String::from("\"");
     for c in text.chars() {

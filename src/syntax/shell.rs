@@ -1,4 +1,4 @@
-//! Quoting for shells.
+//! Quoting of words for POSIX shells.
 
 /// Quotes a word for a POSIX shell if needed.
 pub fn quote_for_shell(word: &str) -> String {

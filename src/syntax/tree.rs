@@ -67,7 +67,7 @@ pub enum Kind {
     Broken,
 }
 
-/// The content of parentheses.
+/// The content of the parentheses of a call.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Body {
     Empty,
@@ -75,14 +75,14 @@ pub enum Body {
     Items(Vec<Tree>),
 }
 
-/// A word with its position.
+/// A word with its position, such as the name of a field or of a call.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Name {
     pub text: String,
     pub span: Span,
 }
 
-/// A field, `name: value`.
+/// A field of a call, `name: value`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
     pub name: Name,

@@ -23,7 +23,7 @@ pub struct UncertainParts {
 pub struct ReadText {
     /// The value. `None` if the errors make it useless.
     pub tree: Option<Tree>,
-    /// All syntax errors.
+    /// All syntax errors of the text.
     pub errors: Vec<SyntaxError>,
     /// The uncertain parts. `None` if there are no syntax errors.
     pub uncertain_parts: Option<UncertainParts>,

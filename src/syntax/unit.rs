@@ -35,7 +35,7 @@ pub fn unit_names() -> impl Iterator<Item = &'static str> {
 
 /// A product of powers of known units, such as `mm`, `1/mm` or `px/mm`. The empty product is the unit of a pure number.
 ///
-/// The exponent of each known unit. At most one unit of each measure has an exponent other than 0.
+/// Stores the exponent of each known unit. At most one unit of each measure has an exponent other than 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Unit([i32; KNOWN_UNITS.len()]);
 
@@ -141,7 +141,7 @@ impl fmt::Display for Unit {
     }
 }
 
-/// A number with its unit.
+/// A number with its unit, such as 1.2 cm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quantity {
     pub value: f64,

@@ -17,9 +17,9 @@ pub enum AttributeError {
     Length {
         /// The name of the attribute.
         name: String,
-        /// The number of entries.
+        /// The number of entries of the attribute.
         count: usize,
-        /// The number of elements.
+        /// The number of elements of the mesh, each of which needs one entry.
         elements: usize,
     },
     /// A texture coordinate or a normal is NaN or infinite.
@@ -29,7 +29,7 @@ pub enum AttributeError {
         name: String,
         /// The kind of element, such as `vertex` or `corner`.
         element: &'static str,
-        /// The index of the element, from 0.
+        /// The index of the element with that entry, from 0.
         index: usize,
     },
 }
@@ -37,22 +37,22 @@ pub enum AttributeError {
 /// One column of data: an entry per vertex, corner or face.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Attribute {
-    /// Real numbers.
+    /// A real number per element.
     Number(Column<f64>),
-    /// Whole numbers.
+    /// A whole number per element, such as an index.
     Index(Column<u32>),
-    /// Flags, each 0 or 1.
+    /// A flag per element, 0 or 1.
     Flag(Column<u8>),
-    /// Pairs, such as texture coordinates.
+    /// A pair of numbers per element, such as a texture coordinate.
     Pair(Column<[f64; 2]>),
-    /// Vectors, such as normals.
+    /// A vector per element, such as a normal.
     Vector(Column<[f64; 3]>),
-    /// Colors in 8-bit sRGB.
+    /// A color per element, in 8-bit sRGB.
     Color(Column<Rgb>),
 }
 
 impl Attribute {
-    /// Number of entries.
+    /// The number of entries, one per element.
     pub fn len(&self) -> usize {
         match self {
             Self::Number(column) => column.len(),
@@ -69,7 +69,7 @@ impl Attribute {
         self.len() == 0
     }
 
-    /// The entries at these indices, in this order.
+    /// The entries at the given indices, in this order.
     ///
     /// # Panics
     /// If an index is out of bounds.
@@ -225,7 +225,7 @@ impl Attributes {
         self.0.iter().map(|(name, attribute)| (name.as_str(), attribute))
     }
 
-    /// The attributes of the elements at these indices, which must exist.
+    /// The attributes of the elements at the given indices, which must exist.
     pub(super) fn select(&self, indices: &[u32]) -> Self {
         let entries = self.0.iter();
         Self(entries.map(|(name, all)| (name.clone(), all.select(indices))).collect())

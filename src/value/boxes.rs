@@ -5,9 +5,9 @@ use nalgebra::Point3;
 /// An axis-aligned box, including its border.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
-    /// The minimum coordinates.
+    /// The minimum coordinates of the box.
     pub low: Point3<f64>,
-    /// The maximum coordinates.
+    /// The maximum coordinates of the box.
     pub high: Point3<f64>,
 }
 
@@ -20,7 +20,7 @@ impl Bounds {
             .fold(start, |it, point| Self { low: it.low.inf(point), high: it.high.sup(point) })
     }
 
-    /// The bounding box of two boxes.
+    /// Returns the smallest box that contains both boxes.
     pub fn join(&self, other: &Self) -> Self {
         Self { low: self.low.inf(&other.low), high: self.high.sup(&other.high) }
     }

@@ -63,8 +63,8 @@ impl<T: NoUninit + Send + Sync> Column<T> {
         *known == hash
     }
 
-    /// Feeds the hasher with bytes that identify the items in these rows and their positions: other items or positions give other bytes. If
-    /// the hash of the column is known, no item is read.
+    /// Feeds the hasher with bytes that identify the items in the given rows and their positions: other items or positions give other
+    /// bytes. If the hash of the column is known, no item is read.
     pub fn hash_rows(&self, rows: Range<usize>, to: &mut blake3::Hasher) {
         if rows.is_empty() {
             return;

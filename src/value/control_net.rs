@@ -27,9 +27,9 @@ pub enum ControlNetError {
         "control point ({row}, {column}) is not finite: a net's coordinates and weights stay below 3.4e38 in size, which files can hold"
     )]
     NotFinite {
-        /// The row of the point.
+        /// The row of the point whose position or weight is not finite.
         row: usize,
-        /// The column of the point.
+        /// The column of the point whose position or weight is not finite.
         column: usize,
     },
     /// A weight is negative.
@@ -37,19 +37,19 @@ pub enum ControlNetError {
         "the weight of control point ({row}, {column}) is {weight}; weights must not be negative"
     )]
     NegativeWeight {
-        /// The row of the point.
+        /// The row of the point with the negative weight.
         row: usize,
-        /// The column of the point.
+        /// The column of the point with the negative weight.
         column: usize,
-        /// The weight of the point.
+        /// The negative weight.
         weight: f64,
     },
     /// The rows of a net have different lengths.
     #[error("row {row} has {length} points, the first row has {expected}")]
     Ragged {
-        /// The index of the row.
+        /// The index of the first row whose length differs.
         row: usize,
-        /// The length of the row.
+        /// The length of that row.
         length: usize,
         /// The length of the first row.
         expected: usize,

@@ -20,13 +20,13 @@ pub enum CurveError {
     /// A point or weight is NaN or infinite.
     #[error("point {point} of the curve is not finite")]
     NotFinite {
-        /// The index of the point with the number.
+        /// The index of the point whose coordinate or weight is not finite.
         point: usize,
     },
     /// There are too few points.
     #[error("{count} points are too few for a curve: at least {min} are needed")]
     TooFew {
-        /// The number of points.
+        /// The number of points that were given.
         count: usize,
         /// The minimum: 2 for an open polyline, 3 for a closed one.
         min: usize,
@@ -44,9 +44,9 @@ pub enum CurveError {
     /// A weight is not positive.
     #[error("the weight of control point {point} is {weight}; weights of curves are positive")]
     Weight {
-        /// The index of the control point.
+        /// The index of the control point with that weight.
         point: usize,
-        /// The weight.
+        /// The weight that is not positive.
         weight: f64,
     },
 }

@@ -14,22 +14,22 @@ pub enum DirectionError {
     /// The vectors cancel out.
     #[error("the directions cancel out: their mean is {length:e} long")]
     Vanishes {
-        /// The length of the mean.
+        /// The length of the mean of the vectors, which is less than 1e-6.
         length: f64,
     },
-    /// A component is NaN or infinite.
+    /// A component of the vector is NaN or infinite.
     #[error("a direction must be finite")]
     NotFinite,
     /// A vector does not have length 1.
     #[error("a direction is {length} long, not 1")]
     NotUnit {
-        /// The length of the vector.
+        /// The length of the given vector.
         length: f64,
     },
     /// The resultant is out of range.
     #[error("the resultant {resultant} is not from 1e-6 to 1")]
     Resultant {
-        /// The resultant.
+        /// The resultant that is out of range.
         resultant: f64,
     },
 }

@@ -29,7 +29,7 @@ pub enum NoElements {
     /// The value has more elements than the limit.
     #[error("there are {count} elements")]
     TooMany {
-        /// The number of elements.
+        /// The number of elements of the value.
         count: usize,
     },
     /// The value cannot be split; contains the reason.

@@ -95,7 +95,7 @@ impl Encoder {
         }
     }
 
-    /// Writes a nested value.
+    /// Writes a value that is a part of the encoded value.
     pub fn value<T: Value>(&mut self, part: &T) -> &mut Self {
         if self.columns.is_none() {
             return self.part(&hash_of(part).0);
@@ -104,7 +104,7 @@ impl Encoder {
         self
     }
 
-    /// Writes a nested memo.
+    /// Writes a memo that is a part of the encoded content.
     pub fn memo<T: Memo>(&mut self, part: &T) -> &mut Self {
         self.part(&hash_of_memo(part).0)
     }
@@ -130,13 +130,13 @@ pub fn hash_of<T: Value>(value: &T) -> Hash {
     Encoder::hash(T::NAME, |to| value.encode(to))
 }
 
-/// A column with items of any type.
+/// A column whose item type is not known.
 pub trait Bytes: Send + Sync {
     /// The hash of the column's bytes.
     fn hash(&self) -> Hash;
     /// The column's bytes, in the machine's byte order.
     fn bytes(&self) -> &[u8];
-    /// The number of items.
+    /// The number of items of the column.
     fn items(&self) -> usize;
 }
 
@@ -158,7 +158,7 @@ impl<T: NoUninit + Send + Sync> Bytes for Column<T> {
 pub struct EncodedValue {
     /// The content except the large columns.
     pub bytes: Vec<u8>,
-    /// The large columns.
+    /// The columns that are stored separately because they are large.
     pub columns: Vec<Arc<dyn Bytes>>,
     /// False if the value's memory was overwritten, so that the bytes no longer have the value's hash.
     pub is_intact: bool,

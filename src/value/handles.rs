@@ -128,7 +128,7 @@ impl Handles {
         &self.to
     }
 
-    /// The standard deviations of each handle. Three zeros mean that they are to be chosen.
+    /// The standard deviations of each handle along x, y and z. Three zeros mean that the code that uses the handles chooses them.
     pub fn sigma(&self) -> &[[f64; 3]] {
         &self.sigma
     }
@@ -148,7 +148,7 @@ impl Handles {
         })
     }
 
-    /// Converts the handles to mm, for an object whose bounding box has these corners. Where the box has no extent along an axis, its
+    /// Converts the handles to mm, for an object whose bounding box has the given corners. Where the box has no extent along an axis, its
     /// longest side is used instead; if it has no extent at all, 1 mm is used.
     ///
     /// # Errors
@@ -264,8 +264,8 @@ impl Value for Handles {
         parts
     }
 
-    /// Builds handles from parts. Without the part `to`, the handles stay where they are. Without `sigma`, the deviations are to be chosen.
-    /// Without `weight`, all weights are 1.
+    /// Builds handles from parts. Without the part `to`, the targets are the positions. Without `sigma`, the code that uses the handles
+    /// chooses the deviations. Without `weight`, all weights are 1.
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         let space = match parts.fact_of("space") {
             None => HandleSpace::default(),
@@ -300,7 +300,8 @@ impl Value for Handles {
         vec![Layer::Arrows(Arrows { from, to, axes: Axes::Upright })]
     }
 
-    /// No handles; handles at one position, far away, of enormous and of tiny extent and weight; and many handles at almost one position.
+    /// Lists without handles, with handles at one position, with far handles of enormous and of tiny extent and weight, and with many
+    /// handles at almost one position.
     fn edge_cases() -> Vec<Self> {
         let lists = [0, 1, 2, 9].into_iter().flat_map(point_sets).flat_map(|points| {
             [(1.0, 1.0), (1e-300, 1e300), (1e300, 1e-300), (1e-5, 1.0)].map(|(sigma, weight)| {

@@ -60,19 +60,19 @@ impl Image {
         Ok(Self { width, height, pixels, camera: None })
     }
 
-    /// Sets or removes the camera.
+    /// Sets or removes the camera that took the picture.
     #[must_use]
     pub fn with_camera(mut self, camera: Option<Pinhole>) -> Self {
         self.camera = camera;
         self
     }
 
-    /// The width in pixels.
+    /// The width of the picture in pixels.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// The height in pixels.
+    /// The height of the picture in pixels.
     pub fn height(&self) -> usize {
         self.height
     }
@@ -280,7 +280,7 @@ impl Color {
     }
 }
 
-/// Error of parsing a color.
+/// The error for a text that is not a color; contains the text.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("`{0}` is not a color; write six hexadecimal digits, as in \"#c33923\"")]
 pub struct ColorError(String);

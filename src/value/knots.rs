@@ -20,25 +20,25 @@ pub enum KnotVectorError {
     /// A knot is less than its predecessor, NaN, or infinite.
     #[error("knot {index} is {knot}: knots are finite and never decrease")]
     Decreasing {
-        /// The index of the knot.
+        /// The index of the invalid knot.
         index: usize,
-        /// The value of the knot.
+        /// The value of the invalid knot.
         knot: f64,
     },
     /// The degree is out of range.
     #[error("degree {degree} is not from 1 to 9")]
     Degree {
-        /// The degree.
+        /// The rejected degree. Degrees from 1 to 9 are allowed.
         degree: usize,
     },
     /// There are too few knots for one piece.
     #[error("{count} knots are too few for degree {degree}: at least {min} are needed")]
     TooFew {
-        /// The number of knots.
+        /// The number of knots that were given.
         count: usize,
         /// The degree of the B-spline.
         degree: usize,
-        /// The minimum: 2 (degree + 1).
+        /// The minimum number of knots: 2 (degree + 1).
         min: usize,
     },
     /// A knot is repeated too often.
@@ -54,7 +54,7 @@ pub enum KnotVectorError {
     /// A parameter is not inside the domain.
     #[error("{u} is not inside the domain from {start} to {end}")]
     Outside {
-        /// The parameter.
+        /// The parameter that is not inside the domain.
         u: f64,
         /// The first parameter of the domain.
         start: f64,
@@ -84,7 +84,7 @@ pub struct KnotVector {
 }
 
 impl KnotVector {
-    /// Builds a knot vector of this degree with these knots.
+    /// Builds a knot vector of the given degree with the given knots.
     ///
     /// # Errors
     /// If the invariant is violated.

@@ -34,7 +34,7 @@ pub struct Labels {
 #[derive(Clone, Debug)]
 enum Pixels {
     All(Column<u32>),
-    /// One component of a picture. A picture may have thousands of them, so the pixels of a component are expanded only on first use.
+    /// One component of a picture. A picture may have thousands of components, so the pixels of each are expanded only on first use.
     Component(Arc<Component>),
 }
 
@@ -47,7 +47,7 @@ impl PartialEq for Labels {
 /// Statistics of one component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LabelStatistics {
-    /// The number of pixels.
+    /// The number of pixels of the component.
     pub area: usize,
     /// The first pixel, row by row from the top: column, row.
     pub first: [usize; 2],
@@ -64,13 +64,13 @@ pub struct LabelStatistics {
 /// Consecutive pixels of one row with the same label.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LabelRun {
-    /// The row.
+    /// The row of all pixels of the run, from the top.
     pub row: u32,
-    /// The first column.
+    /// The column of the first pixel of the run.
     pub start: u32,
-    /// The column after the last one of the run.
+    /// The column after the last pixel of the run.
     pub end: u32,
-    /// The component, from 1.
+    /// The label of the pixels, which is the number of their component, from 1.
     pub label: u32,
 }
 
@@ -80,17 +80,17 @@ pub enum LabelsError {
     /// A run is empty, outside of the picture, or not after the previous run.
     #[error("run {run} is empty, outside of the picture, or not after the previous run")]
     Place {
-        /// The index of the run.
+        /// The index of the invalid run.
         run: usize,
     },
     /// The label of a run skips a number.
     #[error("run {run} has label {label}, but only {components} components come before it")]
     Label {
-        /// The index of the run.
+        /// The index of the run with that label.
         run: usize,
-        /// The label of the run.
+        /// The label that skips a number.
         label: u32,
-        /// The number of components in the runs before it.
+        /// The number of components in the runs before that run.
         components: usize,
     },
 }

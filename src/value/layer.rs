@@ -20,7 +20,7 @@ pub enum Layer {
     Triangles(Box<Mesh>),
     /// Unconnected points with attributes.
     Points(Cloud),
-    /// Polylines.
+    /// Polylines in space.
     Lines(Lines),
     /// Arrows from point to point.
     Arrows(Arrows),
@@ -30,10 +30,10 @@ pub enum Layer {
     Plot(Vec<Series>),
 }
 
-/// A picture.
+/// A picture layer: pixels, with their relation to the capture's picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// The pixels.
+    /// The pixels of the layer.
     pub image: Image,
     /// The map from the layer's pixels to the capture's picture, if known. The layer of a range image has such a map.
     pub registration: Option<Registration>,
@@ -73,7 +73,7 @@ pub enum Axes {
 }
 
 impl Axes {
-    /// Converts a point from these axes to others. The sensor's axes and the upright axes differ by half a rotation about x.
+    /// Converts a point from the axes `self` to the axes `to`. The sensor's axes and the upright axes differ by half a rotation about x.
     pub fn convert(self, point: Point3<f64>, to: Self) -> Point3<f64> {
         if self == to { point } else { Point3::new(point.x, -point.y, -point.z) }
     }
@@ -99,18 +99,18 @@ impl Layer {
 pub struct Cloud {
     /// The points, in mm, with their attributes.
     pub points: Points,
-    /// The axes of the coordinates.
+    /// The axes in which the points are given.
     pub axes: Axes,
 }
 
-/// Polylines.
+/// Polylines in space, which share one list of points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lines {
-    /// The points, in mm.
+    /// The points of all polylines, in mm.
     pub points: Column<Point3<f64>>,
     /// For each polyline, the indices of its points. A closed polyline repeats its first index.
     pub chains: Vec<Vec<u32>>,
-    /// The axes of the coordinates.
+    /// The axes in which the points are given.
     pub axes: Axes,
 }
 
@@ -121,7 +121,7 @@ pub struct Arrows {
     pub from: Column<Point3<f64>>,
     /// The end of each arrow, in mm.
     pub to: Column<Point3<f64>>,
-    /// The axes of the coordinates.
+    /// The axes in which the starts and ends are given.
     pub axes: Axes,
 }
 
@@ -130,14 +130,14 @@ pub struct Arrows {
 pub struct Marks {
     /// The outline of each mark, in mm: a point, the two ends of a line, or the corners of a face.
     pub outlines: Vec<Vec<Point3<f64>>>,
-    /// The axes of the coordinates.
+    /// The axes in which the outlines are given.
     pub axes: Axes,
 }
 
-/// One series of numbers.
+/// A list of numbers that a plot shows over its axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// The name of the series.
+    /// The name of the series, which viewers show next to the plot.
     pub name: String,
     /// The position on the axis of each number, in ascending order.
     pub at: Vec<f64>,

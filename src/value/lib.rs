@@ -1,8 +1,8 @@
 //! The values that travel along the links of a graph. They are immutable and typed, and each is hashed only once.
 //!
 //! [`Value`] is the trait of value types. On a link a value is an [`AnyValue`], which knows its type and the hash of its content. Large
-//! parts of a value are [`Column`]s, which are shared between values and hashed separately. Therefore a node that moves vertices neither
-//! copies nor hashes the faces again.
+//! parts of a value are [`Column`]s, which are shared between values and hashed separately. For example, a node that moves vertices passes
+//! on the column of faces, which is neither copied nor hashed again.
 //!
 //! Begin reading in `value.rs`, then `column.rs` and `mesh.rs`. Each value type has one file, which also states the invariant that the
 //! type's constructor checks. The other modules are tools for all kernels: parallel loops ([`parallel`]), vector instructions ([`simd`]),

@@ -73,7 +73,7 @@ pub enum MapKind {
 pub struct Map {
     /// The name of the texture's file, without folders; empty if it has none.
     pub file: String,
-    /// The content of the texture's file.
+    /// The content of the texture's file, as bytes.
     pub bytes: Column<u8>,
     /// The strength of a normal map or occlusion map, usually 1.
     pub strength: f64,
@@ -98,7 +98,7 @@ pub enum Wrap {
     Repeat,
     /// The texture is mirrored at its border.
     Mirror,
-    /// The color at the border is used.
+    /// Beyond its border the texture has the color of the nearest border point.
     Clamp,
 }
 
@@ -289,7 +289,7 @@ impl MapKind {
         }
     }
 
-    /// The property with this name.
+    /// Returns the property with this name. An unknown name stands for an MTL statement.
     #[must_use]
     pub fn from_name(name: String) -> Self {
         use MapKind::*;

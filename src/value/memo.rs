@@ -55,7 +55,7 @@ impl AnyValue {
         Self { kind: &TypeOf::<T>::TYPE, hash, value: Arc::new(memo) }
     }
 
-    /// Returns the memo if it is a `T`.
+    /// Returns the memo as a `T`, or `None` if it has another type.
     pub fn memo<T: Any>(&self) -> Option<&T> {
         self.value.downcast_ref()
     }

@@ -67,9 +67,9 @@ pub fn keep_freed() {
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
 pub fn keep_freed() {}
 
-/// Requests large pages for the items if they are large: from the page in which the items start to the page in which they end. The range
-/// includes the allocator's own bytes before the items. So neighboring lists are one range for the system, and a large page may cross the
-/// border between them.
+/// Requests large pages for a large list: from the page in which the items start to the page in which they end. The range includes the
+/// allocator's own bytes before the items. So neighboring lists are one range for the system, and a large page may cross the border between
+/// them.
 #[cfg(target_os = "linux")]
 fn advise<T>(items: &mut [T]) {
     use std::ffi::c_void;

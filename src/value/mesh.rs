@@ -35,33 +35,33 @@ pub enum MeshError {
     /// A face has fewer than three corners.
     #[error("face {face} has {corners} corners; a face has at least 3")]
     FewCorners {
-        /// The index of the face.
+        /// The index of the face that has too few corners.
         face: usize,
-        /// The number of corners of the face.
+        /// The number of corners of that face.
         corners: usize,
     },
-    /// The number of corners does not match the faces.
+    /// The number of corners is not a multiple of the number of corners per face, or not the sum of the faces' numbers of corners.
     #[error("{corners} corners do not make faces of {sides} corners each")]
     CutOff {
-        /// The number of corners.
+        /// The number of corners of all faces together.
         corners: usize,
-        /// The number of corners per face.
+        /// The number of corners per face. 0 if the faces have different numbers of corners.
         sides: usize,
     },
     /// A corner refers to a vertex that does not exist.
     #[error("face {face} refers to vertex {vertex}, but there are only {vertices}")]
     NoVertex {
-        /// The index of the face.
+        /// The index of the face with the invalid corner.
         face: usize,
-        /// The index of the vertex.
+        /// The index to which the corner refers.
         vertex: u32,
-        /// The number of vertices.
+        /// The number of vertices of the mesh.
         vertices: usize,
     },
     /// A face contains a vertex twice.
     #[error("face {face} contains vertex {vertex} twice")]
     RepeatedVertex {
-        /// The index of the face.
+        /// The index of the face that contains the vertex twice.
         face: usize,
         /// The index of the repeated vertex.
         vertex: u32,
@@ -69,15 +69,15 @@ pub enum MeshError {
     /// A position is NaN or infinite.
     #[error("the position of vertex {vertex} is not finite")]
     NotFinite {
-        /// The index of the vertex.
+        /// The index of the vertex whose position is not finite.
         vertex: usize,
     },
     /// A crease refers to a vertex that does not exist.
     #[error("a crease refers to vertex {vertex}, but there are only {vertices}")]
     NoCreasedVertex {
-        /// The index of the vertex.
+        /// The index to which the crease refers.
         vertex: u32,
-        /// The number of vertices.
+        /// The number of vertices of the mesh.
         vertices: usize,
     },
     /// The sharpness of a crease is negative or NaN.
@@ -85,7 +85,7 @@ pub enum MeshError {
     Sharpness {
         /// The vertices at the two ends of the crease.
         ends: [u32; 2],
-        /// The sharpness of the crease.
+        /// The invalid sharpness of the crease.
         sharpness: f64,
     },
     /// An attribute has the wrong length, or a number that is not finite.
@@ -216,7 +216,7 @@ impl Mesh {
         Ok(self.with_other(positions, rows))
     }
 
-    /// The mesh with these positions, which differ from the present ones only in these rows.
+    /// The mesh with the given positions, which must equal the present ones outside of `rows`.
     fn with_other(&self, positions: Column<Point3<f64>>, rows: &[Range<u32>]) -> Self {
         let derived = self.derived.after_moving_rows(rows, &positions);
         let mut mesh = Self { positions, derived, ..self.clone() };
@@ -299,8 +299,8 @@ impl Mesh {
         self.with_materials(Vec::from_iter(texture.map(Material::from_picture)))
     }
 
-    /// Replaces the materials. If there are several, the face attribute [`MATERIAL_ATTRIBUTE`] holds the material index of each face. If
-    /// there are not, that attribute is dropped.
+    /// Replaces the materials. With several materials, the face attribute [`MATERIAL_ATTRIBUTE`] keeps the material index of each face.
+    /// With one or none, that attribute is dropped.
     #[must_use]
     pub fn with_materials(mut self, materials: impl Into<Arc<[Material]>>) -> Self {
         let materials = materials.into();
@@ -323,22 +323,22 @@ impl Mesh {
         &self.positions
     }
 
-    /// The faces.
+    /// The faces of the mesh, as lists of vertex indices.
     pub fn faces(&self) -> &Faces {
         &self.faces
     }
 
-    /// The vertex attributes.
+    /// The attributes of the vertices.
     pub fn vertex(&self) -> &Attributes {
         &self.vertex
     }
 
-    /// The corner attributes.
+    /// The attributes of the corners of faces.
     pub fn corner(&self) -> &Attributes {
         &self.corner
     }
 
-    /// The face attributes.
+    /// The attributes of the faces.
     pub fn face(&self) -> &Attributes {
         &self.face
     }
@@ -382,7 +382,7 @@ impl Mesh {
         self.frame.as_ref()
     }
 
-    /// The edges of the faces.
+    /// Computes the edges of the faces.
     pub fn edges(&self) -> Edges {
         self.faces.edges()
     }

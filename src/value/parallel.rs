@@ -1,9 +1,9 @@
 //! Parallel loops on rayon's threads, with methods named as in rayon.
 //!
 //! For each loop, rayon compiles its own code for splitting, waiting and collecting. With three hundred loops that code was a quarter of
-//! the program and of its build time. Here a loop is split into parts that depend only on its length, and a single function distributes the
-//! parts of all loops to the threads. Therefore no result depends on the number of threads: neither the last digit of a sum, nor the choice
-//! of the reported error among several.
+//! the program and of its build time. Here a single function distributes the parts of all loops to the threads. The number of parts depends
+//! only on the length of the loop, so no result depends on the number of threads: neither the last digit of a sum, nor the choice of the
+//! reported error among several.
 //!
 //! ```
 //! use maquette_value::parallel::*;
@@ -12,7 +12,7 @@
 //! assert_eq!(squares.par_iter().copied().sum::<u64>(), 332_833_500);
 //! ```
 //!
-//! Closures are copied into each part of a loop. They may therefore borrow data, but cannot own a list.
+//! Closures must be `Copy`, because each part of a loop gets a copy. So they may borrow data, but cannot own a list.
 
 use std::iter::Sum;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -1,4 +1,4 @@
-//! The parts of a value: named columns of numbers, and facts.
+//! The parts of a value: columns of numbers, and facts such as counts and sizes.
 //!
 //! Tests compare parts, `maquette inspect --table` prints them, and programs that embed the engine read them as arrays. Conversely,
 //! [`Value::from_parts`](super::Value::from_parts) builds values from arrays. For all of that the type of the value need not be known.
@@ -28,31 +28,31 @@ pub use kinds::{ElementKind, Meaning};
 pub struct Parts<'a> {
     /// The facts: counts, sizes and kinds. Two values must have equal facts before their columns are compared.
     pub facts: Vec<Fact>,
-    /// The columns of numbers.
+    /// The columns of numbers, each with one entry per element of its kind.
     pub columns: Vec<Part<'a>>,
     /// The number of elements per row, if the elements are pixels or control points.
     pub row: Option<usize>,
 }
 
-/// A fact about a value.
+/// A named property of a whole value, such as its number of vertices.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fact {
     /// The fact's name, such as `vertices`.
     pub name: Cow<'static, str>,
-    /// The fact's value.
+    /// The fact's content: a count, a size, a flag or a text.
     pub value: FactValue,
 }
 
-/// The value of a fact.
+/// The content of a [`Fact`]: a count, a size, a flag or a text.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FactValue {
-    /// A number of elements.
+    /// A number of elements, such as `vertices`.
     Count(usize),
     /// The size of a grid: columns and rows of pixels, or rows and columns of control points.
     Size([usize; 2]),
-    /// True or false.
+    /// A property that is either true or false, such as `closed`.
     Flag(bool),
-    /// A text.
+    /// A word or sentence, such as the name of a space.
     Text(String),
 }
 
@@ -100,7 +100,7 @@ pub struct Part<'a> {
     pub element_kind: ElementKind,
     /// The meaning of the column's numbers.
     pub meaning: Meaning,
-    /// The number of numbers per element, which is at least 1.
+    /// The number of numbers per element, which is at least 1. A position has the width 3.
     pub width: usize,
     /// The numbers, element by element. Their count is a multiple of `width`.
     pub items: Items<'a>,
@@ -111,9 +111,9 @@ pub struct Part<'a> {
 /// The numbers of a column. They are borrowed from the value if the value stores them contiguously.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Items<'a> {
-    /// Double precision.
+    /// Numbers in double precision.
     F64(Cow<'a, [f64]>),
-    /// Single precision.
+    /// Numbers in single precision.
     F32(Cow<'a, [f32]>),
     /// Whole numbers.
     U32(Cow<'a, [u32]>),
@@ -127,13 +127,13 @@ pub enum PartsError {
     /// A required column is missing.
     #[error("the part `{part}` is missing")]
     Missing {
-        /// The name of the part or fact.
+        /// The name of the missing column.
         part: String,
     },
     /// The elements of a column have another number of numbers than expected.
     #[error("the part `{part}` has {width} numbers per element, expected {expected}")]
     Width {
-        /// The name of the part or fact.
+        /// The name of the column.
         part: String,
         /// The number of numbers per element.
         width: usize,
@@ -143,7 +143,7 @@ pub enum PartsError {
     /// A column has too many or too few elements, or its last element is incomplete.
     #[error("the part `{part}` has {numbers} numbers, expected {expected}")]
     Length {
-        /// The name of the part or fact.
+        /// The name of the column.
         part: String,
         /// The number of numbers in the column.
         numbers: usize,
@@ -153,11 +153,11 @@ pub enum PartsError {
     /// A number is not allowed in this column.
     #[error("number {index} of the part `{part}` is {number}, expected {expected}")]
     Number {
-        /// The name of the part.
+        /// The name of the column.
         part: String,
         /// The index of the number in the column, from 0.
         index: usize,
-        /// The value of the number.
+        /// The number that is not allowed.
         number: f64,
         /// A description of the expected number.
         expected: String,
@@ -165,7 +165,7 @@ pub enum PartsError {
     /// A required fact is missing or has the wrong type.
     #[error("the fact `{fact}` must be {expected}")]
     Fact {
-        /// The name of the part or fact.
+        /// The name of the missing or wrong fact.
         fact: String,
         /// A description of the expected value.
         expected: &'static str,
@@ -179,7 +179,7 @@ pub enum PartsError {
     /// Values of the type cannot be built from parts.
     #[error("a {kind} cannot be made of parts")]
     Never {
-        /// The name of the type.
+        /// The name of the type of values.
         kind: &'static str,
     },
 }
@@ -199,11 +199,11 @@ impl PartsError {
 /// The minimum, maximum and mean of some numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
-    /// The minimum.
+    /// The minimum of the numbers.
     pub min: f64,
-    /// The maximum.
+    /// The maximum of the numbers.
     pub max: f64,
-    /// The mean.
+    /// The mean of the numbers.
     pub mean: f64,
 }
 
@@ -232,7 +232,7 @@ impl<'a> Parts<'a> {
         self.facts.push(Fact { name: name.into(), value: value.into() });
     }
 
-    /// Adds the fact `size` of a picture with these numbers of columns and rows.
+    /// Adds the fact `size` of a picture with the given numbers of columns and rows.
     pub fn grid(&mut self, width: usize, height: usize) {
         self.fact("size", [width, height]);
         self.row = Some(width);
@@ -281,7 +281,7 @@ impl<'a> Parts<'a> {
         self.columns.iter().find(|part| part.element_kind == on && part.name == name)
     }
 
-    /// The column with this name, whose elements must be complete and have `width` numbers. `None` if there is no such column.
+    /// Returns the first column with this name, if there is one. Its elements must be complete and have `width` numbers.
     ///
     /// # Errors
     /// If its width differs or its last element is incomplete.
@@ -289,7 +289,7 @@ impl<'a> Parts<'a> {
         self.column(name).map(|part| part.with_width(width)).transpose()
     }
 
-    /// The column with this name, whose elements must be complete and have `width` numbers.
+    /// Returns the first column with this name. Its elements must be complete and have `width` numbers.
     ///
     /// # Errors
     /// If it is missing, its width differs, or its last element is incomplete.
@@ -302,7 +302,7 @@ impl<'a> Parts<'a> {
         self.facts.iter().find(|fact| fact.name == name).map(|fact| &fact.value)
     }
 
-    /// The two counts in the fact with this name.
+    /// The two counts of the fact with this name, whose value must be a [`FactValue::Size`].
     ///
     /// # Errors
     /// If the fact is missing or has another type.
@@ -313,7 +313,7 @@ impl<'a> Parts<'a> {
         }
     }
 
-    /// The count in the fact with this name.
+    /// The count of the fact with this name, whose value must be a [`FactValue::Count`].
     ///
     /// # Errors
     /// If the fact is missing or has another type.
@@ -385,7 +385,7 @@ impl Part<'_> {
         }
     }
 
-    /// Returns the error for one number of the column.
+    /// Returns the error for a number that is not allowed in the column.
     pub fn number_error(
         &self,
         index: usize,
@@ -471,7 +471,7 @@ impl Part<'_> {
 }
 
 impl Items<'_> {
-    /// The count of the numbers.
+    /// The number of numbers in the column.
     pub fn len(&self) -> usize {
         match self {
             Self::F64(items) => items.len(),

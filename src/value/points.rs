@@ -17,7 +17,7 @@ pub enum PointsError {
     /// A position is NaN or infinite.
     #[error("the position of point {point} is not finite")]
     NotFinite {
-        /// The index of the point.
+        /// The index of the point whose position is not finite.
         point: usize,
     },
     /// An attribute has the wrong length.
@@ -71,7 +71,7 @@ impl Points {
         Ok(moved)
     }
 
-    /// The points at these indices, in this order, with their attributes.
+    /// The points at the given indices, in this order, with their attributes.
     ///
     /// # Panics
     /// If an index is out of bounds.

@@ -6,7 +6,7 @@ use std::collections::BinaryHeap;
 use nalgebra::{Point3, Vector3};
 use robust::{Coord, orient2d};
 
-/// A point in a plane.
+/// The two coordinates of a point in a plane.
 pub type PlanePoint = [f64; 2];
 
 /// Projects a point along that coordinate axis that is closest to `normal`. A polygon that is counter-clockwise around `normal` stays
@@ -73,7 +73,8 @@ pub fn triangulate(corners: &[Point3<f64>]) -> Vec<[u32; 3]> {
 /// The maximum length that counts as zero, as a fraction of the polygon's extent.
 const LINE: f64 = 1e-9;
 
-/// The qualities of special ears. All other ears are rated by their shape, by at most 1.
+/// The qualities of special ears: `SHORT` if a side at the corner has no length, `SPIKE` if the border doubles back at the corner,
+/// `BLOCKED` if the ear contains another corner. All other ears are rated by their shape, by at most 1.
 const SHORT: f64 = 3.0;
 const SPIKE: f64 = 2.0;
 const BLOCKED: f64 = -2.0;
@@ -105,7 +106,7 @@ struct Clipping<'a> {
     is_left: Vec<bool>,
     /// For each corner, true if it is not convex.
     is_reflex: Vec<bool>,
-    /// All corners, sorted by x.
+    /// The indices of all corners, sorted by x.
     by_x: Vec<usize>,
     quality: Vec<f64>,
     /// Ears by quality; among ears of equal quality the one with the lowest index comes first. Entries with an outdated quality are
@@ -253,7 +254,7 @@ mod tests {
     use super::*;
     use crate::rng::Random;
 
-    /// Twice the area of a polygon.
+    /// Returns twice the signed area of a polygon, which is positive if the polygon is counter-clockwise.
     fn area(points: &[PlanePoint]) -> f64 {
         let next = points[1..].iter().chain(&points[..1]);
         points.iter().zip(next).map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum()

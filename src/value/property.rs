@@ -11,7 +11,7 @@ use super::{Axes, Layer, Marks};
 pub struct Property<T: 'static> {
     /// The property's name in graph files, in CamelCase: `Closed`.
     pub name: &'static str,
-    /// A description in one sentence.
+    /// A description of the property in one sentence.
     pub doc: &'static str,
     /// Checks a value. Returns the violation, or `None` if the value has the property.
     pub test: fn(&T) -> Option<Violation>,
@@ -68,7 +68,7 @@ impl Violation {
         Self { what: format!("has no {what}"), count: 0, elements: Vec::new() }
     }
 
-    /// Returns the violation by these elements, with their names and outlines. `what` describes the elements. `None` if there are no
+    /// Returns the violation by the given elements, with their names and outlines. `what` describes the elements. `None` if there are no
     /// elements.
     pub fn from_elements<E: Copy>(
         elements: &[E],

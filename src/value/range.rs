@@ -14,13 +14,13 @@ use crate::parallel::*;
 mod parts;
 mod update;
 
-/// Error of a range image.
+/// An error in building or measuring a range image.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum RangeError {
-    /// A list has the wrong length.
+    /// The length of a list is not the number of cells.
     #[error(transparent)]
     Size(#[from] SizeError),
-    /// No cell has a point.
+    /// No cell is valid, so there is no depth to measure.
     #[error("the range image has no valid cell")]
     NoValidRange,
 }

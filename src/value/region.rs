@@ -18,11 +18,11 @@ pub enum RegionError {
     /// The lists of cells, points and flags have different lengths.
     #[error("{points} points and {flags} flags for {cells} cells")]
     Length {
-        /// The number of cells.
+        /// The number of cells in the list.
         cells: usize,
-        /// The number of points.
+        /// The number of points in the list.
         points: usize,
-        /// The number of flags.
+        /// The number of flags in the list.
         flags: usize,
     },
     /// A cell is outside of the grid, or the cells are not in ascending order.

@@ -1,8 +1,9 @@
 //! Vector instructions: numerical kernels that are compiled for several vector widths, and functions for their loops.
 //!
 //! The program runs on every x86-64 machine, and the vectors that all of them have hold two `f64`. A [`Kernel`] is also compiled for
-//! vectors of four and of eight `f64`; the version is chosen at run time. The bits of a result must not depend on the version. Therefore
-//! multiplications and additions are fused in all versions of a [`FusedKernel`], and in no version of any other kernel.
+//! vectors of four and of eight `f64`; the version is chosen at run time. The bits of a result must not depend on the version, and fusing a
+//! multiplication with an addition changes the bits. So these operations are fused in all versions of a [`FusedKernel`], and in no version
+//! of any other kernel.
 //!
 //! A fused multiplication and addition is rounded only once, and has the same bits on every machine. Results would differ only if a
 //! compiler or library fused operations on some machines but not on others. Free-form deformation consists mainly of multiplications and
@@ -20,7 +21,7 @@ use std::marker::PhantomData;
 /// A loop over plain numbers. `run` and all functions that the loop calls must be marked `#[inline(always)]`; otherwise they are not
 /// compiled for wide vectors.
 pub trait Kernel {
-    /// Runs the loop.
+    /// Runs the loop over the kernel's numbers.
     fn run(self);
 }
 
@@ -65,7 +66,7 @@ pub trait MulAdd {
     fn mul_add(a: f64, b: f64, c: f64) -> f64;
 }
 
-/// The processor's instruction. Every aarch64 has it, and with few exceptions every x86-64 since 2013.
+/// Uses the processor's fused multiply-add instruction. Every aarch64 has it, and with few exceptions every x86-64 since 2013.
 #[derive(Clone, Copy, Debug)]
 pub struct Instruction;
 

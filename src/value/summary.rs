@@ -5,7 +5,7 @@
 pub struct Summary(pub Vec<(String, serde_json::Value)>);
 
 impl Summary {
-    /// Adds one fact.
+    /// Appends a fact with a label.
     #[must_use]
     pub fn with_fact(mut self, label: &str, fact: impl Into<serde_json::Value>) -> Self {
         self.0.push((label.to_owned(), fact.into()));

@@ -37,7 +37,7 @@ pub enum SurfaceError {
     /// The number of knots does not match the number of control points.
     #[error("the knot vector along {along} is for {knots} control points, the net has {points}")]
     Count {
-        /// The direction: `u` or `v`.
+        /// The parameter direction whose knots do not match: `u` or `v`.
         along: char,
         /// The number of control points that the knots are for.
         knots: usize,
@@ -96,7 +96,7 @@ impl Surface {
         Ok(Self { net, u, v })
     }
 
-    /// The control net.
+    /// The control net of the surface.
     pub fn net(&self) -> &ControlNet {
         &self.net
     }

@@ -10,7 +10,7 @@ use super::union_find::UnionFind;
 pub struct Topology {
     /// The number of vertices, including those without faces.
     pub vertices: usize,
-    /// The number of edges.
+    /// The number of distinct edges of all faces.
     pub edges: usize,
     /// The number of faces.
     pub faces: usize,
@@ -106,7 +106,7 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// Computes the measures of a mesh.
+    /// Computes the area, volume and edge lengths of a mesh.
     pub fn from_mesh(mesh: &Mesh) -> Self {
         let middle =
             mesh.bounds().map_or(Point3::origin(), |(low, high)| nalgebra::center(&low, &high));

@@ -13,13 +13,13 @@ pub enum TraceError {
     /// The iteration number of a step is not greater than that of the previous step.
     #[error("iteration {iteration} of the trace is not after the previous one")]
     Order {
-        /// The number of the iteration.
+        /// The iteration number of the later step.
         iteration: u64,
     },
     /// A distance is negative or NaN.
     #[error("in iteration {iteration} the largest distance is {max} and the mean one {rms}")]
     Distance {
-        /// The number of the iteration.
+        /// The iteration number of the step with that distance.
         iteration: u64,
         /// The maximum distance from the goal.
         max: f64,
@@ -49,7 +49,7 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Builds a trace of these steps.
+    /// Builds a trace of the given steps.
     ///
     /// # Errors
     /// If the iteration number of a step is not greater than that of the previous step, or a distance is negative or NaN.

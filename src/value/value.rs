@@ -81,8 +81,8 @@ pub trait Value: Clone + Send + Sync + 'static {
         Vec::new()
     }
 
-    /// Valid values that are hard to process: empty, tiny, degenerate, enormous. `maquette::conformance` runs nodes on these values. The
-    /// values also show which tolerances a test may use.
+    /// Valid values that are hard to process: empty, tiny, degenerate, enormous. `maquette::conformance` runs nodes on these values. Their
+    /// parts also determine the tolerances that a test of this type may set, because the kinds of numbers show what can be compared.
     fn edge_cases() -> Vec<Self> {
         Vec::new()
     }

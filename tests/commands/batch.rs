@@ -22,7 +22,7 @@ const SWEEP: &str = r#"Sweep(
 )
 "#;
 
-/// Makes a project with the doll's graph, several scans and a sweep.
+/// Makes a project with the example graph `doll.ron`, several scans and a sweep.
 fn project_with_scans(scans: &[&str], sweep: &str) -> Project {
     let project = Project::doll();
     for scan in scans {
@@ -105,8 +105,8 @@ fn each_with_each_and_one_with_another() {
         (&first["scan"], &first["growth"], &first["levels"]),
         (&"a".into(), &"12".into(), &"1".into())
     );
-    // The scans are copies of each other, so only the tasks of the first scan compute anything. A task gives the result of a run with its
-    // values.
+    // The scans are copies of each other: only the tasks of the first scan compute nodes, and the other tasks use cached results. The
+    // outputs of a task must equal those of `maquette run` with the same values.
     let computed =
         |index: usize| document["tasks"][index]["nodes"]["computed"].as_u64().unwrap_or(0);
     assert_eq!((0..9).map(computed).collect::<Vec<_>>(), [15, 8, 8, 0, 0, 0, 0, 0, 0]);
@@ -196,7 +196,8 @@ fn what_is_wrong_is_told_once_at_its_place_before_anything_runs() {
     let output = project.maquette(&["batch", "doll.sweep.ron"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(!project.folder().join("out").exists(), "something was run");
-    // Names that differ only in case may denote one folder, and some names are not valid as folders.
+    // Two folder names that differ only in case are an error, because they may denote one folder. Names that are invalid as folder names
+    // are errors, too.
     let red = problems(
         &project,
         &sweep(
@@ -253,7 +254,7 @@ fn values_for_all_that_count_for_none_are_told() {
     assert!(output.status.success());
     let told = String::from_utf8(output.stderr).unwrap();
     assert!(told.contains("`--set levels=2` has no effect"), "{told}");
-    // The output that the sweep shows must also exist if the graph has inputs.
+    // The output that a sweep gives as `picture` must exist, also in a graph with inputs.
     let sweep = "Sweep(graph: \"lib.ron\", over: Values(\"up\", [1, 2]), picture: \"nonsense\")";
     write(
         &project,
@@ -287,7 +288,7 @@ fn one_that_fails_leaves_the_others() {
     assert!(out.contains("6 tasks: 5 done, 1 failed; 0 run now"), "{out}");
     assert!(err.contains("error: "), "{err}");
     assert_eq!(words.status.code(), Some(1));
-    // A finished task is run again with `--retry`, or if something has changed.
+    // The failed task is not repeated by itself: it is run again only with `--retry`, or if something has changed.
     assert_eq!(ran(&batch(&project, &["--retry"]).1), ["c/5_0"]);
     project.copy_asset("range.pcd", "scans/c/range.pcd");
     let (code, document) = batch(&project, &[]);
@@ -362,7 +363,7 @@ fn a_change_runs_its_own_tasks_and_no_others() {
     bytes[last] ^= 1;
     fs::write(&scan, bytes).unwrap();
     assert_eq!(ran(&batch(&project, &[]).1), ["b/5_0", "b/12_1", "b/20_1"]);
-    // Rewriting a file with an additional comment runs nothing.
+    // An additional comment in the graph changes no value, so no task is run.
     fs::write(project.graph(), format!("// Mine.\n{}", project.doll_text(12.0))).unwrap();
     assert_eq!(ran(&batch(&project, &[]).1), [""; 0]);
     // A value of the sweep has changed: the tasks with this value are run.

@@ -82,7 +82,7 @@ fn a_golden_is_accepted_with_the_reason_and_another_refused() {
         ),
         "{accepted}"
     );
-    // The golden of a refused result stays unchanged, and the next test reports the reason of the difference again.
+    // If the user refuses a result, its golden stays unchanged, and the next test reports the reason of the difference again.
     assert_eq!([golden(path, "surface.txt"), golden(path, "nodes.txt")], before);
     let again = maquette(path, &[], "", None);
     assert!(
@@ -198,7 +198,7 @@ fn a_broken_graph_cannot_be_blessed_and_its_problem_is_told_once() {
         assert_eq!(output.status.code(), Some(2), "{text}");
         assert_eq!(text.matches("there is no node type `Nurb`").count(), 1, "{text}");
         assert!(text.contains("1 error (unchanged)"), "{text}");
-        // The nodes are not reported as removed: only the graph cannot be read.
+        // The graph cannot be read, which does not mean that its nodes were removed.
         assert!(!text.contains("is gone"), "{text}");
     }
     assert!(golden(folder.path(), "nodes.txt").contains("net  PointNet"));

@@ -21,7 +21,7 @@ fn run(project: &Project, words: &[&str]) -> (Option<i32>, String, String) {
     (output.status.code(), text(&output.stdout), text(&output.stderr))
 }
 
-/// Lists the files in the folder `what` of each build's part of the cache.
+/// Each build has a folder in the cache. Lists the files in the subfolder `what` of each of these folders.
 fn files(project: &Project, what: &str) -> Vec<PathBuf> {
     fn list(
         folder: &Path,
@@ -146,8 +146,8 @@ fn hash(project: &Project, lift: &str) -> String {
     project.hash("lifted", &[&format!("lift={lift}")])
 }
 
-/// Runs the test for unchanged files, whose results are looked up before anything runs, and for a file that was just written. Such a file
-/// must be read, and results that depend on it are looked up on disk later.
+/// Tests an input file that was not changed, and one that was just written. Results that depend on an unchanged file are looked up before
+/// anything runs. A file that was just written must be read first, and results that depend on it are looked up later.
 #[test]
 fn a_result_that_a_node_does_not_give_is_named_by_verify_cache() {
     for is_rewritten in [false, true] {
@@ -201,7 +201,7 @@ fn name_a_forged_result(is_rewritten: bool) {
         "{told}"
     );
     assert!(!told.contains("`mesh` gave another result"), "{told}");
-    // The output is made from the newly computed result.
+    // The output file is made from the newly computed result, not from the forged one.
     let out = fs::read_to_string(project.folder().join("out/doll/out.obj")).unwrap();
     assert!(out.contains("v 0.0 5.0 0.0"), "{out}");
 }

@@ -2,18 +2,12 @@
 
 use std::fmt::Write as _;
 use std::path::Path;
-use std::process::{Command, Output};
 
 use maquette::format::png;
 use maquette::value::Image;
 
 use crate::output::text_of;
-
-fn maquette(folder: &Path, arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-    command.args(arguments).current_dir(folder).env("NO_COLOR", "1").env_remove("CI");
-    command.env("MAQUETTE_CACHE", folder.join("cache")).output().unwrap()
-}
+use crate::program::maquette;
 
 /// Returns an OBJ file of a flat sheet of 20 x 20 quads, without the faces for which `is_gone` is true.
 fn sheet(is_gone: impl Fn(usize) -> bool) -> String {
@@ -44,8 +38,8 @@ fn a_mesh_without_thirty_of_its_faces_is_not_the_same_surface() {
             let compared = maquette(folder.path(), &[&["compare", old, new], more].concat());
             let text = text_of(&compared);
             assert_eq!(compared.status.code(), Some(1), "{text}");
-            // For meshes with different faces, the midpoints of border edges are compared, too. They are farther away than the centers of
-            // faces.
+            // For meshes with different faces, the midpoints of border edges are compared, too. Here they are farther away than the centers
+            // of faces, so the maximum is at a midpoint.
             let (max, place) = if more.is_empty() { ("0.333333", "face ") } else { ("0.5", "(") };
             assert!(text.contains(&format!("surface, {told}: max {max} mm")), "{text}");
             assert!(text.contains(&format!("worst at {place}")), "{text}");

@@ -9,7 +9,7 @@ use crate::thorough::is_thorough;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
-/// Returns the command that runs the doll's graph with this value of `growth`, this cache and this output folder.
+/// Returns the command that runs the example graph `doll.ron` with this value of `growth`, this cache and this output folder.
 fn command(growth: &str, cache: &Path, out: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
     command.current_dir(GRAPHS).env("NO_COLOR", "1").env("MAQUETTE_CACHE", cache);

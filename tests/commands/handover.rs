@@ -300,7 +300,7 @@ fn a_job_says_what_has_changed_since_it_was_handed_over() {
 fn what_changes_no_task_stops_no_job() {
     let project = project_with_scans();
     let jobs = emit_job(&project, "lines");
-    // Changes that affect no task: the format of the sweep, the pictures of the page, and a deleted task list.
+    // Three changes that affect no task: the text of the sweep, the size of the page's pictures, and a deleted task list.
     write(
         &project,
         "s.sweep.ron",
@@ -350,7 +350,7 @@ fn jobs_that_name_no_list_run_as_before() {
     assert!(output.status.success(), "{}", stderr_of(&output));
     assert!(records(&project).contains("a"));
     let report = project.maquette(&["batch", "s.sweep.ron", "--report"]);
-    // One task is missing but not reported as never handed over, because no job was emitted.
+    // The report counts a missing task. It does not complain that the task was never handed over, because no job was emitted.
     let missing = "error: 4 tasks: 3 done, 0 failed, 1 missing\n".to_owned();
     assert_eq!((report.status.code(), stderr_of(&report)), (Some(1), missing));
 }

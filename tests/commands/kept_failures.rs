@@ -99,7 +99,7 @@ fn a_sweep_in_the_middle_of_a_merge_says_so() {
         assert!(told.contains(&format!("{name}:1:1")), "{told}");
         assert_eq!(output.status.code(), Some(1));
     }
-    // Without the markers, other errors of the sweep are reported as usual.
+    // After the conflict markers are removed, other errors of the sweep are reported as usual.
     fs::write(project.folder().join("a.sweep.ron"), ours.replace("Sweep", "Sweeep")).unwrap();
     let output = project.maquette(&["batch", "a.sweep.ron", "-n"]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -51,7 +51,7 @@ impl Place {
         self.folder.join(name)
     }
 
-    /// Makes a project with the doll's files and one graph.
+    /// Makes a project with one graph and the files of the example graph `doll.ron`.
     fn doll(name: &str, text: &str) -> Self {
         let place = Self::new(&[(name, text)]);
         copy_folder(&Path::new(GRAPHS).join("doll"), &place.path("doll"));
@@ -101,7 +101,7 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     found.sort();
 }
 
-/// Diagnostics in the form that `check` and the server have in common: file, severity, code, position, message.
+/// The diagnostics of `check` and those of the server in a common form: file, severity, code, start and end position, message.
 type Diagnostics = BTreeSet<(String, u64, String, [u64; 4], String)>;
 
 fn told_by_check(document: &Json) -> Diagnostics {
@@ -159,8 +159,8 @@ fn problems_are_those_of_check() {
         .into_iter()
         .filter(|path| {
             let text = std::fs::read_to_string(path).unwrap_or_default();
-            // Files with characters beyond the basic multilingual plane are skipped: such a character has two UTF-16 units in an editor,
-            // but is one for `check`.
+            // Skips files with characters beyond the basic multilingual plane: an editor counts such a character as two UTF-16 units, but
+            // `check` counts it as one character.
             let word = text
                 .lines()
                 .find(|line| !line.trim().is_empty() && !line.trim_start().starts_with("//"));
@@ -243,7 +243,7 @@ fn a_used_file_counts_as_it_is_in_the_editor() {
         .map(|it| it["message"].as_str().unwrap())
         .collect::<Vec<_>>();
     assert!(messages.contains(&"Nose has no field `lift`"), "{messages:?}");
-    // The edit was never saved. After the editor closes the file, the text on disk counts again.
+    // The edit of `nose.ron` was never saved. After the editor closes this file, the text on disk counts again.
     editor.tell("textDocument/didClose", json!({ "textDocument": { "uri": uri(&nose) } }));
     editor.change(&face, &format!("{FACE} "));
     assert_eq!(editor.diagnostics(&face), Vec::<Json>::new());

@@ -22,6 +22,7 @@ mod moves;
 mod new;
 mod nothing_is_lost;
 mod pictures;
+mod program;
 mod read_only;
 mod readme;
 mod real_scans;

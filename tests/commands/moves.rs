@@ -88,7 +88,7 @@ fn nodes_become_a_graph_and_come_back_and_the_outputs_stay() {
         Graph(
             format: 1,
             doc: "A part of doll.ron.",
-            inputs: { "mesh": Mesh(doc: "What `mesh` gives.") },
+            inputs: { "mesh": Mesh(doc: "The value of `mesh`.") },
             params: { "far": Number(default: 9.0, unit: "mm", doc: "How far.") },
             nodes: {
                 // Made smooth.
@@ -125,7 +125,7 @@ fn a_dry_run_prints_what_would_change_and_writes_nothing() {
         +Graph(
         +    format: 1,
         +    doc: "A part of doll.ron.",
-        +    inputs: { "mesh": Mesh(doc: "What `mesh` gives.") },
+        +    inputs: { "mesh": Mesh(doc: "The value of `mesh`.") },
         +    params: { "far": Number(default: 9.0, unit: "mm", doc: "How far.") },
         +    nodes: {
         +        // Made smooth.

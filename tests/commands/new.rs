@@ -1,9 +1,9 @@
 //! `maquette new` writes a graph that runs on the files of a folder.
 
 use std::path::Path;
-use std::process::{Command, Output};
 
 use crate::output::text_of;
+use crate::program::maquette;
 
 const DOLL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs/doll");
 
@@ -16,12 +16,6 @@ fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
         std::fs::copy(Path::new(DOLL).join(from), to).unwrap();
     }
     folder
-}
-
-fn maquette(folder: &Path, words: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-    command.args(words).current_dir(folder).env("NO_COLOR", "1");
-    command.env("MAQUETTE_CACHE", folder.join("cache")).output().unwrap()
 }
 
 /// Runs `new`, checks that its graph runs and has canonical form, and returns the output of `new`.

@@ -129,7 +129,7 @@ fn goldens_of_a_graph_beside_the_tests_folder_stay_in_it() {
     assert_eq!(fs::read_dir(project.path("tests/goldens")).unwrap().count(), 1);
 }
 
-/// Another program replaces each output with a file of equal size as soon as the output exists.
+/// Tests that an output is written again if another program has replaced it with a file of equal size, as soon as the output existed.
 #[test]
 fn an_output_that_another_program_replaced_is_made_again() {
     for round in 0..12 {

@@ -118,7 +118,7 @@ fn a_region_and_labels_lie_on_the_picture_that_they_were_found_in() {
     let studio = Studio::new();
     let photo = png::read(&std::fs::read(Path::new(GRAPHS).join("doll/color.png")).unwrap());
     let photo = photo.unwrap();
-    // The picture shows the nose as in the photo, and the forehead darker.
+    // In each picture, the nose looks as in the photo, and the forehead is darker.
     let (nose, forehead) = ([200, 196], [200, 140]);
     for command in [
         &["render", "doll.ron", "nose", "PICTURE"][..],

@@ -1,9 +1,10 @@
 //! Runs graphs on scans of real objects, from files to files. The graphs are in `tests/scans`.
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 use crate::beside::shared_folder;
+use crate::program;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/scans");
 
@@ -23,9 +24,7 @@ fn project(graph: &str, scans: &[(&str, &Path)]) -> tempfile::TempDir {
 }
 
 fn maquette(folder: &Path, words: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-    command.args(words).current_dir(folder).env("NO_COLOR", "1");
-    let output = command.env("MAQUETTE_CACHE", folder.join("cache")).output().unwrap();
+    let output = program::maquette(folder, words);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     output
 }

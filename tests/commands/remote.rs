@@ -16,7 +16,7 @@ mod trouble;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
-/// The outputs of the doll's graph, and the time that a run takes without a server.
+/// The expected outputs of the example graph `doll.ron`, and the time that a run takes without a server.
 struct Truth {
     outputs: BTreeMap<String, Vec<u8>>,
     seconds: Duration,
@@ -36,7 +36,7 @@ struct Machine(tempfile::TempDir);
 /// The result of a run.
 struct Run {
     json: Json,
-    /// The output on stderr.
+    /// The text that the program printed to stderr.
     words: String,
     outputs: BTreeMap<String, Vec<u8>>,
     seconds: Duration,
@@ -61,7 +61,7 @@ impl Machine {
         command
     }
 
-    /// Runs the doll's graph.
+    /// Runs the example graph `doll.ron`.
     fn run(&self, growth: &str, more: &[&str]) -> Run {
         let (out, set) = (self.0.path().join("out"), format!("growth={growth}"));
         let arguments = [
@@ -76,7 +76,7 @@ impl Machine {
             out.to_str().unwrap(),
         ];
         let cache = self.cache();
-        // `.` stands for the machine's cache folder.
+        // The argument `.` is replaced by the path of the machine's cache folder.
         let more =
             more.iter().map(|word| if *word == "." { cache.to_str().unwrap() } else { word });
         let start = Instant::now();
@@ -88,7 +88,7 @@ impl Machine {
         Run { json, words, outputs: files(&out), seconds }
     }
 
-    /// Runs the doll's graph with a server.
+    /// Runs the example graph `doll.ron` with a cache server.
     fn share(&self, server: &Server) -> Run {
         self.run("12", &["--cache-remote", &server.address()])
     }
@@ -111,7 +111,7 @@ impl Machine {
         files
     }
 
-    /// Returns the server's name of a cache file: `BUILD/NAME`.
+    /// Returns the name under which the server stores a cache file: `BUILD/NAME`.
     fn name(&self, path: &Path) -> String {
         let path = path.strip_prefix(self.cache()).unwrap();
         let parts: Vec<_> = path.iter().map(|part| part.to_str().unwrap()).collect();
@@ -139,7 +139,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
         .collect()
 }
 
-/// Starts a server that has the results of the doll's graph.
+/// Starts a cache server that has the results of the example graph `doll.ron`.
 fn filled_server() -> Server {
     static FILES: OnceLock<BTreeMap<String, Vec<u8>>> = OnceLock::new();
     let files = FILES.get_or_init(|| {
@@ -168,7 +168,8 @@ fn a_second_machine_computes_nothing() {
     let (truth, server, first) = (Truth::new("12"), Server::new(), Machine::new());
     let run = first.share(&server);
     assert_eq!((run.count("computed"), &run.words[..]), (15, ""));
-    // The server has no results, so only those of nodes without inputs are requested. There is no request for each node in turn.
+    // The server has no results, so the machine requests only the results of nodes without inputs, and does not request that of each node
+    // in turn.
     let asked = server.count_requests("GET");
     assert!(0 < asked && asked <= 5, "{asked}");
     // Only results and their columns are uploaded, not cache files that refer to local paths.

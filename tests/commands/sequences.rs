@@ -303,7 +303,7 @@ impl Project {
         said
     }
 
-    /// Runs a command twice, into `out` with the cache and into a new folder without it, and compares the results.
+    /// Runs a command twice and compares the results: with the cache, writing to `out`, and without the cache, writing to a new folder.
     fn compare(&mut self, command: &str, arguments: &[&str], set: &[String]) {
         let home = self.folder.parent().unwrap().to_owned();
         let fresh = home.join("fresh");

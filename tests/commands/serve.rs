@@ -21,7 +21,7 @@ struct Host {
     events: BufReader<ChildStdout>,
     folder: PathBuf,
     asked: u64,
-    /// Final events of other requests that arrived while the host waited.
+    /// The final events of other requests, which arrived while the host waited for the end of one request.
     ends: Vec<Json>,
 }
 
@@ -219,7 +219,7 @@ fn arrays_go_in_and_come_out_and_what_has_not_changed_keeps_its_file() {
     fn count(name: &str, fine: &Json) -> u64 {
         column(fine, name)["count"].as_u64().unwrap()
     }
-    // Euler's formula holds: V - E + F = 2.
+    // The counts satisfy Euler's formula V - E + F = 2: 34 vertices, 96 edges and 64 triangles.
     assert_eq!(
         (count("position", &fine), count("edges", &fine), count("corners", &fine)),
         (34, 96, 3 * 64)
@@ -250,7 +250,7 @@ fn arrays_go_in_and_come_out_and_what_has_not_changed_keeps_its_file() {
         assert_eq!(column(&twice, name)["file"], column(&fine, name)["file"], "{name}");
     }
     assert_ne!(column(&twice, "position")["file"], column(&fine, "position")["file"]);
-    // Files that only the first answer referred to are removed.
+    // Files to which only the first answer referred are removed.
     assert!(!host.folder.join(column(&same, "position")["file"].as_str().unwrap()).exists());
     assert!(host.folder.join(column(&fine, "position")["file"].as_str().unwrap()).exists());
 }

@@ -2,15 +2,9 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::process::{Command, Output};
 
 use crate::output::text_of;
-
-fn maquette(folder: &Path, arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-    command.args(arguments).current_dir(folder).env("NO_COLOR", "1").env_remove("CI");
-    command.env("MAQUETTE_CACHE", folder.join("cache")).output().unwrap()
-}
+use crate::program::maquette;
 
 const GRAPH: &str = r#"Graph(
     format: 1,

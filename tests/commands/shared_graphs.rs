@@ -1,4 +1,5 @@
-//! Runs the graphs that the project's design declares valid, unchanged. They are in a folder beside the checkout, if it exists.
+//! Runs the graphs in `../shared/graphs`, which the project's design declares valid, without any change. Skipped if this folder does not
+//! exist.
 
 use std::num::NonZero;
 use std::path::{Path, PathBuf};

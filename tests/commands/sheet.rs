@@ -1,11 +1,12 @@
 //! `maquette render sheet` as its users see it.
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
+
+use crate::program::command;
 
 fn maquette(folder: &Path, arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-    command.args(arguments).current_dir(folder).env("NO_COLOR", "1").output().unwrap()
+    command(folder, arguments).output().unwrap()
 }
 
 const GRAPH: &str = r#"Graph(

@@ -59,7 +59,7 @@ fn project() -> Project {
     project
 }
 
-/// The name of each command and the arguments that are tested. Commands before `;` prepare the last one.
+/// The tested command lines, each after the name of the tested command. Commands before `;` only prepare the last command.
 const TRIED: [(&str, &str); 38] = [
     ("new", "new scans"),
     ("run", "run doll.ron"),
@@ -104,7 +104,8 @@ const TRIED: [(&str, &str); 38] = [
 /// Commands that print nothing by themselves, only answers to an editor.
 const SILENT: [&str; 1] = ["lsp"];
 
-/// Runs the last of several commands in a new project, after those that prepare it.
+/// Runs several commands in a new project, and returns the output of the last one, whose standard output is `stdout`. The commands before
+/// it prepare the project.
 fn run(words: &str, stdout: impl Into<Stdio>) -> Output {
     let project = project();
     let mut commands = words.split(" ; ").collect::<Vec<_>>();
@@ -164,7 +165,7 @@ fn a_closed_output_is_an_error_of_what_prints_and_null_is_none() {
         let (code, told) = run_redirected(words, ">&-");
         assert_eq!(code, Some(1), "{words}: {told}");
         assert!(told.contains("error: cannot write to standard output: "), "{words}: {told}");
-        // `/dev/null` is accepted however it is opened.
+        // `/dev/null` is accepted, in whichever way the shell opens it.
         for null in ["> /dev/null", "1<> /dev/null", "<&- > /dev/null"] {
             assert_eq!(run_redirected(words, null).0, Some(0), "{words} {null}");
         }

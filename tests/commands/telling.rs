@@ -2,37 +2,25 @@
 
 use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Output, Stdio};
 
 use expect_test::expect;
 
+use crate::output::{stderr_of, stdout_of};
+use crate::program::command;
 use crate::project::Project;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
-
-fn command(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-    command.args(arguments).current_dir(folder).env("NO_COLOR", "1");
-    command
-}
 
 fn maquette(folder: &Path, arguments: &[&str]) -> Output {
     command(folder, arguments).output().unwrap()
 }
 
-/// Runs `inspect` on the doll's graph, with a cache folder that lasts as long as the command.
+/// Runs `inspect` on the example graph `doll.ron`, with a cache folder that lasts as long as the command.
 fn inspect(arguments: &[&str]) -> Output {
     let cache = tempfile::tempdir().unwrap();
     let arguments = [&["inspect", "doll.ron"], arguments].concat();
     command(Path::new(GRAPHS), &arguments).env("MAQUETTE_CACHE", cache.path()).output().unwrap()
-}
-
-fn stdout(output: &Output) -> String {
-    String::from_utf8(output.stdout.clone()).unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
 }
 
 fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
@@ -65,16 +53,16 @@ fn check_takes_folders_tests_handles_patches_and_stdin() {
     let folder = folder(&files);
     let output = maquette(folder.path(), &["check", "."]);
     assert_eq!(output.status.code(), Some(1));
-    let problems = stderr(&output);
+    let problems = stderr_of(&output);
     for wrong in
         ["ReadMesh has no field `pth`", "Test has no field `grph`", "./handles.ron", "line 1"]
     {
         assert!(problems.contains(wrong), "{wrong} is missing:\n{problems}");
     }
     let end = "checked 2 graphs, 2 tests, 1 handle file: 3 errors\n";
-    assert_eq!(stdout(&output), end, "{problems}");
+    assert_eq!(stdout_of(&output), end, "{problems}");
     let output = maquette(folder.path(), &["check", "a.ron", "b.ron"]);
-    assert_eq!(stdout(&output), "checked 2 graphs: 0 errors\n", "{}", stderr(&output));
+    assert_eq!(stdout_of(&output), "checked 2 graphs: 0 errors\n", "{}", stderr_of(&output));
     for (text, status) in [(graph(""), 0), (graph("\"n\": Nothing()"), 1)] {
         let mut child = command(folder.path(), &["check", "-"]);
         let mut child = child
@@ -88,13 +76,18 @@ fn check_takes_folders_tests_handles_patches_and_stdin() {
     }
     let output = maquette(folder.path(), &["check", "nowhere.ron", "--json"]);
     assert_eq!(output.status.code(), Some(1));
-    assert!(stdout(&output).contains("cannot read the file"), "{}", stdout(&output));
+    assert!(stdout_of(&output).contains("cannot read the file"), "{}", stdout_of(&output));
 }
 
 #[test]
 fn the_graphs_that_come_with_the_program_have_no_problem_and_no_warning() {
     let output = maquette(Path::new(GRAPHS), &["check", "."]);
-    assert!(stdout(&output).ends_with(": 0 errors\n"), "{}{}", stdout(&output), stderr(&output));
+    assert!(
+        stdout_of(&output).ends_with(": 0 errors\n"),
+        "{}{}",
+        stdout_of(&output),
+        stderr_of(&output)
+    );
 }
 
 #[test]
@@ -103,8 +96,8 @@ fn a_node_that_nothing_needs_is_a_warning() {
         folder(&[("m.obj", MESH), ("a.ron", &graph("\"turned\": Transform(mesh: \"m\")"))]);
     let output = maquette(folder.path(), &["check", "a.ron"]);
     assert!(output.status.success());
-    assert_eq!(stdout(&output), "checked 1 graph: 0 errors, 1 warning\n");
-    assert!(stderr(&output).starts_with("warning[G021]: nothing needs `turned`\n"));
+    assert_eq!(stdout_of(&output), "checked 1 graph: 0 errors, 1 warning\n");
+    assert!(stderr_of(&output).starts_with("warning[G021]: nothing needs `turned`\n"));
 }
 
 #[test]
@@ -112,8 +105,8 @@ fn at_most_a_hundred_problems_are_told_and_the_others_counted() {
     let nodes = (0..10_000).map(|k| format!("\"n{k}\": Transform(mesh: \"mm{k}\"),"));
     let folder = folder(&[("m.obj", MESH), ("a.ron", &graph(&String::from_iter(nodes)))]);
     let output = maquette(folder.path(), &["check", "a.ron"]);
-    assert_eq!(stdout(&output), "checked 1 graph: 10 000 errors\n");
-    let problems = stderr(&output);
+    assert_eq!(stdout_of(&output), "checked 1 graph: 10 000 errors\n");
+    let problems = stderr_of(&output);
     assert_eq!(problems.matches("error[G007]").count(), 100);
     assert!(
         problems.ends_with("\nand 9 900 more diagnostics\n\n"),
@@ -153,7 +146,7 @@ fn deep_nesting_is_told_wherever_a_value_is_read() {
     ] {
         let output = maquette(folder.path(), arguments);
         assert!(matches!(output.status.code(), Some(1 | 2)), "{arguments:?}: {output:?}");
-        let told = stderr(&output);
+        let told = stderr_of(&output);
         assert!(
             told.contains("values are nested more than 128 deep here"),
             "{arguments:?}: {told}"
@@ -177,9 +170,9 @@ fn deep_nesting_is_told_wherever_a_value_is_read() {
         let output = maquette(folder.path(), &["check", "e.ron"]);
         assert_eq!(output.status.code(), Some(1));
         assert!(
-            stderr(&output).contains("the expression is nested too deeply"),
+            stderr_of(&output).contains("the expression is nested too deeply"),
             "{}",
-            stderr(&output)
+            stderr_of(&output)
         );
     }
 }
@@ -199,7 +192,7 @@ fn a_camera_file_that_is_nested_too_deep_is_an_error_of_its_node() {
     }
     let output = maquette(folder.path(), &["run", "a.ron", "--no-cache"]);
     assert_eq!(output.status.code(), Some(1), "{output:?}");
-    assert!(stderr(&output).contains("error[G016]"), "{}", stderr(&output));
+    assert!(stderr_of(&output).contains("error[G016]"), "{}", stderr_of(&output));
 }
 
 #[test]
@@ -223,14 +216,14 @@ fn unknown_names_get_a_guess_or_a_list_and_no_loose_end() {
         (&["nodes", "a.ron", "Foo"], "error: a.ron uses no graph `Foo`\n"),
     ] {
         let output = maquette(folder.path(), arguments);
-        assert_eq!((output.status.code(), &stderr(&output)[..]), (Some(2), expected));
+        assert_eq!((output.status.code(), &stderr_of(&output)[..]), (Some(2), expected));
     }
 }
 
 #[test]
 fn defaults_are_printed_as_a_graph_has_them_and_nested_options_with_their_words() {
     fn nodes(name: &str) -> String {
-        stdout(&maquette(Path::new(GRAPHS), &["nodes", name]))
+        stdout_of(&maquette(Path::new(GRAPHS), &["nodes", name]))
     }
     let edges = nodes("Edges");
     assert!(edges.contains("\n  high: one of = Percentile(90.0)\n"), "{edges}");
@@ -242,7 +235,7 @@ fn defaults_are_printed_as_a_graph_has_them_and_nested_options_with_their_words(
         fill.contains("        rotations: integer 1 to 32 = 1\n            Number of rotations"),
         "{fill}"
     );
-    assert!(!stdout(&maquette(Path::new(GRAPHS), &["nodes", "Ffd"])).contains("null"));
+    assert!(!stdout_of(&maquette(Path::new(GRAPHS), &["nodes", "Ffd"])).contains("null"));
 }
 
 #[test]
@@ -256,7 +249,7 @@ fn set_puts_a_new_entry_of_a_patch_on_a_line_of_its_own() {
     let grid = "        \"grid\": (smooth_border: 60),\n";
     let expected = text.replace(grid, &format!("{grid}        \"red.select\": (distance: 22),\n"));
     assert_ne!(expected, text);
-    assert_eq!(stdout(&output), expected, "{}", stderr(&output));
+    assert_eq!(stdout_of(&output), expected, "{}", stderr_of(&output));
 }
 
 #[test]
@@ -275,7 +268,7 @@ fn the_eyedropper_says_what_can_be_asked() {
     ];
     for (arguments, expected) in cases {
         let output = inspect(arguments);
-        let told = stderr(&output);
+        let told = stderr_of(&output);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
         assert!(told.contains(expected) && output.stdout.is_empty(), "{arguments:?}: {told}");
     }
@@ -288,17 +281,17 @@ fn any_step_can_be_written_by_the_output_that_fits_and_seen_as_a_picture() {
         out.path().join(name).to_str().unwrap().to_owned()
     }
     let output = inspect(&["scan", "--out", &path("s.pcd", &out)]);
-    assert!(output.status.success(), "{}", stderr(&output));
-    assert!(stdout(&output).contains("scan.range is written to "), "{}", stdout(&output));
+    assert!(output.status.success(), "{}", stderr_of(&output));
+    assert!(stdout_of(&output).contains("scan.range is written to "), "{}", stdout_of(&output));
     let wrong = inspect(&["scan", "--out", &path("s.step", &out)]);
     assert_eq!(wrong.status.code(), Some(2));
     let told =
         "scan.color, an Image, can be written to: png, tiff; scan.range, a RangeImage, can be";
-    assert!(stderr(&wrong).contains(told), "{}", stderr(&wrong));
+    assert!(stderr_of(&wrong).contains(told), "{}", stderr_of(&wrong));
     for node in ["nose", "spots", "blended", "scan.range"] {
         let file = path("seen.png", &out);
         let output = inspect(&[node, "--out", &file]);
-        assert!(output.status.success(), "{node}: {}", stderr(&output));
+        assert!(output.status.success(), "{node}: {}", stderr_of(&output));
         let picture = maquette::format::png::read(&std::fs::read(&file).unwrap()).unwrap();
         let brightest = picture.pixels().iter().flatten().copied().max();
         assert!(brightest > Some(150), "{node} is dark");
@@ -310,7 +303,7 @@ fn a_graph_without_outputs_has_nothing_to_do() {
     let folder = folder(&[("a.ron", "Graph(format: 1, nodes: {}, outputs: {})")]);
     let output = maquette(folder.path(), &["run", "a.ron", "--no-cache"]);
     assert!(output.status.success());
-    expect![["nothing to do: the graph has no outputs\n"]].assert_eq(&stdout(&output));
+    expect![["nothing to do: the graph has no outputs\n"]].assert_eq(&stdout_of(&output));
 }
 
 #[test]
@@ -329,7 +322,7 @@ fn a_graph_with_an_empty_section_of_inputs_writes_its_outputs() {
     );
 }
 
-/// Writes an open mesh to a file for 3D printers, and a mesh that is too far from the origin for single precision.
+/// Tests the warnings for an open mesh in a file for 3D printers, and for a mesh that is too far from the origin for single precision.
 #[test]
 fn what_files_cannot_tell_is_told_by_each_run_also_if_they_are_there() {
     let graph = r#"Graph(
@@ -370,7 +363,7 @@ fn a_name_wider_than_any_column_is_told_whole() {
     for options in [&[][..], &["-n"], &["--profile"]] {
         let mut command = command(folder.path(), &[&["run", "long.ron"], options].concat());
         let output = command.env("MAQUETTE_CACHE", folder.path().join("cache")).output().unwrap();
-        assert!(output.status.success(), "{}", stderr(&output));
-        assert!(stdout(&output).contains(&name));
+        assert!(output.status.success(), "{}", stderr_of(&output));
+        assert!(stdout_of(&output).contains(&name));
     }
 }

@@ -2,28 +2,17 @@
 
 use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Output, Stdio};
 
 use expect_test::expect;
+
+use crate::output::{stderr_of, stdout_of};
+use crate::program::command;
 
 const DOLL: &str = include_str!("../../graphs/doll.ron");
 
 fn maquette(folder: &Path, arguments: &[&str]) -> Output {
     command(folder, arguments).output().unwrap()
-}
-
-fn command(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-    command.args(arguments).current_dir(folder).env("NO_COLOR", "1");
-    command
-}
-
-fn stdout(output: &Output) -> String {
-    String::from_utf8(output.stdout.clone()).unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
 }
 
 /// Makes a folder with these files. The files that the graphs read do not exist.
@@ -55,7 +44,7 @@ fn fmt_check_lists_what_would_change_and_writes_nothing() {
     let folder = folder(&files);
     let output = maquette(folder.path(), &["fmt", "--check", "."]);
     assert_eq!(output.status.code(), Some(1));
-    assert_eq!(stdout(&output), "./sub/loose.ron\n");
+    assert_eq!(stdout_of(&output), "./sub/loose.ron\n");
     assert_eq!(read(&folder, "sub/loose.ron"), LOOSE);
     assert!(maquette(folder.path(), &["fmt", "--check", "doll.ron"]).status.success());
 }
@@ -65,7 +54,7 @@ fn fmt_writes_what_can_be_read_and_leaves_the_rest() {
     let folder = folder(&[("a.ron", LOOSE), ("b.ron", "Graph(format: 1,"), ("c.ron", LOOSE)]);
     let output = maquette(folder.path(), &["fmt", "a.ron", "b.ron", "c.ron"]);
     assert_eq!(output.status.code(), Some(1));
-    assert!(stderr(&output).contains("error[G001]: this `(` is never closed\n --> b.ron:1:6"));
+    assert!(stderr_of(&output).contains("error[G001]: this `(` is never closed\n --> b.ron:1:6"));
     assert_eq!((&read(&folder, "a.ron")[..], &read(&folder, "c.ron")[..]), (NEAT, NEAT));
     assert_eq!(read(&folder, "b.ron"), "Graph(format: 1,");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3, "nothing is left behind");
@@ -82,7 +71,7 @@ fn fmt_without_a_file_goes_from_stdin_to_stdout() {
     child.stdin.take().unwrap().write_all(LOOSE.as_bytes()).unwrap();
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success());
-    assert_eq!(stdout(&output), NEAT);
+    assert_eq!(stdout_of(&output), NEAT);
 }
 
 #[cfg(unix)]
@@ -102,13 +91,13 @@ fn set_changes_the_file_and_says_what() {
     let values =
         ["edit", "doll.ron", "set", "growth=20", "red.select.distance=25.0", "red.invert=true"];
     let output = maquette(folder.path(), &values);
-    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(output.status.success(), "{}", stderr_of(&output));
     expect![[r#"
         growth: 12.0 -> 20
         red.select.distance: 30.0 -> 25.0
         red.invert: left out -> true
     "#]]
-    .assert_eq(&stdout(&output));
+    .assert_eq(&stdout_of(&output));
     let expected = DOLL
         .replace("default: 12.0", "default: 20")
         .replace("distance: 30.0)", "distance: 25.0), invert: true");
@@ -119,14 +108,18 @@ fn set_changes_the_file_and_says_what() {
 fn set_prints_the_text_in_a_dry_run_and_touches_nothing_in_vain() {
     let folder = folder(&[("doll.ron", DOLL)]);
     let output = maquette(folder.path(), &["edit", "doll.ron", "set", "--dry-run", "growth=20"]);
-    assert_eq!(stdout(&output), DOLL.replace("default: 12.0", "default: 20"));
+    assert_eq!(stdout_of(&output), DOLL.replace("default: 12.0", "default: 20"));
     let output =
         maquette(folder.path(), &["edit", "doll.ron", "set", "red.invert=true", "growth=99"]);
     assert_eq!(output.status.code(), Some(1));
-    assert!(stderr(&output).contains("parameter `growth` is 99 mm, but must be at least 0"));
+    assert!(stderr_of(&output).contains("parameter `growth` is 99 mm, but must be at least 0"));
     let output = maquette(folder.path(), &["edit", "doll.ron", "set", "skin.levels=3"]);
     assert_eq!(output.status.code(), Some(1));
-    assert!(stderr(&output).contains("= help: set the parameter: levels=3"), "{}", stderr(&output));
+    assert!(
+        stderr_of(&output).contains("= help: set the parameter: levels=3"),
+        "{}",
+        stderr_of(&output)
+    );
     assert_eq!(
         maquette(folder.path(), &["edit", "doll.ron", "set", "levels"]).status.code(),
         Some(2)
@@ -140,7 +133,7 @@ fn edit_changes_the_file_and_says_what() {
     let folder = folder(&[("doll.ron", DOLL)]);
     fn edit(arguments: &[&str], folder: &tempfile::TempDir) -> (Option<i32>, String) {
         let output = maquette(folder.path(), &[&["edit", "doll.ron"], arguments].concat());
-        (output.status.code(), stdout(&output) + &stderr(&output))
+        (output.status.code(), stdout_of(&output) + &stderr_of(&output))
     }
     let select = "select=Near(color: \"#236cba\")";
     let mut told = String::new();
@@ -188,7 +181,7 @@ fn edit_prints_the_lines_in_a_dry_run_and_refuses_what_would_be_wrong() {
     let folder = folder(&[("doll.ron", DOLL)]);
     fn edit(arguments: &[&str], folder: &tempfile::TempDir) -> (Option<i32>, String) {
         let output = maquette(folder.path(), &[&["edit", "doll.ron"], arguments].concat());
-        (output.status.code(), stdout(&output) + &stderr(&output))
+        (output.status.code(), stdout_of(&output) + &stderr_of(&output))
     }
     let (code, lines) = edit(&["remove", "knots-u", "--and-links", "--dry-run"], &folder);
     assert_eq!(code, Some(0));
@@ -228,10 +221,10 @@ fn diff_says_by_its_exit_code_whether_two_graphs_mean_the_same() {
         maquette(folder.path(), &[&["diff"], arguments].concat())
     }
     let output = diff(&["a.ron", "same.ron"], &folder);
-    assert_eq!((output.status.code(), stdout(&output)), (Some(0), String::new()));
+    assert_eq!((output.status.code(), stdout_of(&output)), (Some(0), String::new()));
     let output = diff(&["a.ron", "b.ron"], &folder);
     let expected = "node red: changed select.distance: 30 -> 31\n".to_owned();
-    assert_eq!((output.status.code(), stdout(&output)), (Some(1), expected));
+    assert_eq!((output.status.code(), stdout_of(&output)), (Some(1), expected));
     for wrong in [&["a.ron", "c.ron"][..], &["a.ron", "nowhere.ron"], &["a.ron"], &["a.ron"; 3]] {
         assert_eq!(diff(wrong, &folder).status.code(), Some(2), "{wrong:?}");
     }
@@ -269,9 +262,9 @@ fn diff_takes_the_arguments_of_git() {
     );
     assert!(output.status.success(), "git takes anything else for a crash");
     assert_eq!(
-        stdout(&output),
+        stdout_of(&output),
         "graphs/doll.ron\n    parameter growth: changed default: 12 -> 13\n"
     );
     let new = ["diff", "doll.ron", "/dev/null", ".", ".", "old", "c0ffee", "100644"];
-    assert!(stdout(&maquette(folder.path(), &new)).contains("node scan: added: ReadCapture("));
+    assert!(stdout_of(&maquette(folder.path(), &new)).contains("node scan: added: ReadCapture("));
 }

@@ -19,7 +19,7 @@ fn every_editors_way_of_saving_is_seen_once() {
     for (index, (editor, save)) in SEQUENCES.iter().enumerate() {
         let growth = 13.0 + index as f64;
         save(&project.graph(), &project.doll_text(growth)).unwrap();
-        // On a busy machine, a half-saved file may be read as an invalid graph.
+        // On a busy machine, the watch may read a half-saved file as an invalid graph, so runs with errors are skipped.
         let run = watch.run_until_ok();
         assert_eq!(run.state("raised"), "computed", "{editor}, or the save before was seen twice");
         assert_eq!(run.state("nose"), "cached", "{editor}");
@@ -426,7 +426,7 @@ fn ctrl_c_ends_a_watch_and_a_run_and_leaves_nothing_half_written() {
     project.assert_no_output_is_torn();
     project.assert_no_temporary_file();
 
-    // The result is not taken from the cache: the interrupted watch may have just stored it.
+    // This run does not use the cache: the interrupted watch may have just stored the result of `skin`, which must be computed here.
     let arguments = ["run", "doll.ron", "--events", "--no-cache", "--out", "out"];
     let mut run = project.spawn(&arguments);
     run.wait(|event| event["event"] == "started" && event["node"] == "skin");

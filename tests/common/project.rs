@@ -62,7 +62,7 @@ impl Project {
         project
     }
 
-    /// Makes a project with the doll's graph and files.
+    /// Makes a project with the example graph `doll.ron` and the files that it reads.
     pub(crate) fn doll() -> Self {
         let project = Self::new("");
         project.save(&project.doll_text(12.0));

@@ -145,7 +145,7 @@ fn where_a_change_would_go_unnoticed_there_is_no_id() {
     assert_eq!(workspace.ids("one"), ["", ""]);
 }
 
-/// Returns the number of packs that are identified by reading the file of the program that contains their code.
+/// Returns the number of packs without a build id. Such a pack is identified by the content of the program file that contains its code.
 fn files_of_code(packs: &[&Pack]) -> usize {
     let folder = tempfile::tempdir().unwrap();
     Disk::open(folder.path(), 1 << 30, &Catalog::new(packs)).unwrap();
@@ -158,7 +158,8 @@ fn our_packs_are_known_by_their_ids_and_those_of_others_by_their_file() {
         .ancestors()
         .any(|folder| folder.join("Cargo.lock").is_file());
     assert_eq!(files_of_code(maquette_nodes::PACKS), usize::from(!has_ids));
-    // A file that was just written may still change, so its content hash is not recorded yet: try again until it is.
+    // A file that was just written may still change, so the hash of its content is not recorded at once. The loop waits until it is
+    // recorded.
     let is_over = Instant::now() + Duration::from_secs(5);
     while files_of_code(&[&maquette_third_party::PACK]) != 1 {
         assert!(Instant::now() < is_over, "its file was not looked at");

@@ -88,7 +88,7 @@ fn the_next_process_computes_what_changed_alone() {
         trace.to_string().contains("computed raised   parameter `distance` 12 -> 25"),
         "{trace}"
     );
-    // Without the record that the last evaluation wrote about the graph, results are still found by their keys.
+    // Removes the record that the last evaluation wrote about the graph. Results are still found by their keys.
     for file in processes.files() {
         if file.parent().unwrap().ends_with("graphs") {
             fs::remove_file(file).unwrap();
@@ -196,8 +196,8 @@ fn four_evaluators_share_a_folder() {
     });
 }
 
-/// Clears the cache as soon as an evaluation is planned. Then the end of the node `first` is delayed until `last` has started. `last` also
-/// waits until `first` has started.
+/// An observer that clears the cache as soon as an evaluation is planned. Then it delays the end of the node `first` until the node `last`
+/// has started, and `last` until `first` has started.
 struct Clearing<'a> {
     cache: &'a Path,
     /// Names of the nodes that have started; `last begins` records that `last` has started.
@@ -247,15 +247,16 @@ impl Observer for Clearing<'_> {
     }
 }
 
-/// `first` is missing on disk and is restored. `middle` is on disk when the evaluation begins, but is deleted before the changed node
-/// `last` needs it. Its values must then be computed from those of `first`, which do not exist yet.
+/// Tests a chain of three nodes. `first` is missing on disk and is restored. `middle` is on disk when the evaluation begins, but is deleted
+/// before the changed node `last` needs it. Then `middle` must be computed again from the result of `first`, which does not exist yet.
 #[test]
 fn values_that_go_while_their_sources_are_restored_are_computed_again() {
     let processes = Processes::new();
     let project = tempfile::tempdir().unwrap();
     let path = project.path().join("three.ron");
     fs::write(project.path().join("tip.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
-    // A file that was just written would be read again, and all nodes that depend on it would be checked again.
+    // Waits until the mesh file is old enough. A file that was just written would be read again, and all nodes that depend on it would be
+    // checked again.
     std::thread::sleep(Duration::from_millis(300));
     let text = "Graph(format: 1, params: {\"far\": Number(default: 1.0)}, nodes: {
         \"first\": ReadMesh(path: \"tip.obj\"),

@@ -50,7 +50,7 @@ impl Memo for Number {
     }
 }
 
-/// A number whose uses [`Give`] counts. Only one test uses it, because tests run in parallel.
+/// `GIVEN` counts how often a [`Give`] node returns this number. Only one test uses this number, because tests run in parallel.
 const COUNTED: f64 = 7.25;
 static GIVEN: AtomicUsize = AtomicUsize::new(0);
 
@@ -110,7 +110,7 @@ fn halve(number: &Number) -> Result<Number, Error> {
 /// Waits for another node of its type to start. It finishes only if two such nodes run at the same time.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Meet {
-    /// Which one of the two it is.
+    /// The name of this node, which distinguishes it from the other one.
     name: String,
 }
 

@@ -55,7 +55,7 @@ fn every_graph_has_a_test() {
     }
 }
 
-/// Copies the doll's graph, its test and its goldens to a folder where they can be changed.
+/// Copies the example graph `doll.ron`, its test and its goldens to a folder where they can be changed.
 fn copy() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     fn copy(from: &Path, to: &Path) {

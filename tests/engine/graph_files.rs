@@ -305,7 +305,8 @@ fn a_missing_comma_and_a_missing_choice_are_named() {
             1:63-64 G009 node `b` is the number 1, not a node (write `Type(field: value, ..)`)
         "#]],
     );
-    // An unusual space in another position hides no error. Errors that only follow from a missing comma are not reported.
+    // An unsupported space character between fields does not hide other errors. Errors that only follow from a missing comma
+    // are not reported.
     check(
         "Graph(format: 1, nodes: {\"b\"},\u{2003}outputs: {})",
         expect![[r#"
@@ -346,7 +347,7 @@ fn files_that_no_reader_takes_are_refused_before_anything_runs() {
     .assert_eq(&problems(&path));
 }
 
-/// A third-party node that reads files with one extension.
+/// A third-party node that reads files with the extension `cloud`.
 #[derive(serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 struct ReadCloud {
     /// The file.
@@ -419,7 +420,8 @@ fn long_files_are_checked_in_seconds() {
     }
 }
 
-/// Checks that the graphs which the project's design declares invalid are refused. They are in a folder beside the checkout, if it exists.
+/// Checks that the graphs in `../shared/graphs/bad` cause the errors that the project's design lists for them. Skipped if the folder does
+/// not exist.
 #[test]
 fn the_graphs_of_the_design_are_refused_as_it_says() {
     let Some(folder) = shared_folder("graphs/bad") else { return };

@@ -7,7 +7,7 @@ use maquette::{AnyValue, CancelToken, Catalog, Evaluation, Evaluator, Graph, Opt
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 
-/// Evaluates the doll's graph repeatedly with one evaluator.
+/// Evaluates the example graph `doll.ron` repeatedly with one evaluator.
 struct Session {
     catalog: Catalog,
     evaluator: Evaluator,
@@ -143,7 +143,7 @@ fn comments_names_and_order_do_not_matter() {
     assert_eq!(moved.trace().count(State::Cached), moved.trace().0.len(), "{}", moved.trace());
 }
 
-/// A copy of the doll's graph and files that a test may change.
+/// A copy of the example graph `doll.ron` and of its files, which a test may change.
 struct Copy {
     session: Session,
     folder: tempfile::TempDir,
@@ -174,8 +174,8 @@ impl Copy {
         std::fs::write(&self.session.path, text.replace(from, to)).unwrap();
     }
 
-    /// Lists the nodes that were not cached, with their states, such as `scan computed the same`, where `the same` means an unchanged
-    /// result.
+    /// Lists the nodes that were not cached, with their states. For example, `scan computed the same` means that `scan` was computed and
+    /// its result is unchanged.
     fn states(&mut self) -> String {
         let trace = self.session.run(&[]).trace();
         let touched = trace.0.iter().filter(|node| node.state != State::Cached);

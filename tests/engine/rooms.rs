@@ -122,7 +122,8 @@ fn few_files_of_a_crate_depend_on_each_other_in_circles() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Returns the largest set of files that all depend on each other, or an empty set if no such files exist.
+/// Returns the largest set of files that all depend on each other, directly or through other files. The set is empty if no such files
+/// exist.
 fn largest_knot(arrows: &[Arrow]) -> BTreeSet<&str> {
     let reached = |from: &str| {
         let (mut seen, mut next) = (BTreeSet::new(), vec![from.to_owned()]);
@@ -227,7 +228,7 @@ fn packs() -> Vec<PathBuf> {
 /// The tokens by which the file of a node is recognized.
 const NODE: [&str; 3] = ["impl", "Node", "for"];
 
-/// Lists the files that name the file of a node but are not the root of its pack.
+/// Lists the paths to items in a node's file that are written outside of the root file of its pack.
 fn named_nodes(sources: &Sources) -> Vec<String> {
     let nodes = Vec::from_iter(sources.files_with(&NODE));
     let mut named = Vec::from_iter(sources.arrows_with_reexports());

@@ -23,7 +23,7 @@ fn load(session: &Session, path: &Path, options: &Options) -> Graph {
     checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics))
 }
 
-/// A graph that uses `lib/feature.ron` on the front scan of the doll.
+/// A graph that uses `lib/feature.ron` on a scan of the front of a doll.
 const USE: &str = r#"Graph(
     format: 1,
     use: { "Feature": "lib/feature.ron" },
@@ -149,7 +149,7 @@ fn texts_that_nobody_saved_stand_in_place_of_files() {
         let mesh = run.get::<Mesh>("big.ply").unwrap();
         assert_eq!(mesh.positions()[1].x, scale);
         let same = run.get::<Mesh>("big").unwrap();
-        // The host gets a reference to the mesh in the session's memory, not a copy.
+        // Both calls return a reference to the mesh in the session's memory, not a copy.
         assert!(std::ptr::eq(mesh.positions().as_ptr(), same.positions().as_ptr()));
         assert!(run.get::<Image>("big").unwrap_err().contains("`big` is a Mesh, not an Image"));
     }

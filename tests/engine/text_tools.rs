@@ -20,7 +20,7 @@ fn catalog() -> &'static Catalog {
     CATALOG.get_or_init(|| Catalog::new(maquette_nodes::PACKS))
 }
 
-/// Returns all graphs of the project, and the graphs of the folder beside the checkout if it exists.
+/// Returns all graphs of the project, and those in `../shared/graphs` beside the project if this folder exists.
 fn corpus() -> Vec<(PathBuf, String)> {
     let root = Path::new(ROOT);
     let own = ["graphs", "tests/third_party/graphs"].map(|folder| root.join(folder));
@@ -140,7 +140,8 @@ fn the_form_does_not_hang_on_how_lines_are_broken() {
     let mut dice = Random(7);
     for (path, text) in corpus() {
         let Some(form) = format_text(&text) else { continue };
-        // A line comment ends at its line, and blank lines are kept, so the lines of these graphs cannot be rearranged.
+        // Skips graphs with line comments or blank lines. A line comment ends at the end of its line, and formatting keeps blank lines, so
+        // their line breaks cannot be replaced at random.
         if text.contains("//") || text.contains("\n\n") {
             continue;
         }
@@ -160,7 +161,8 @@ fn the_form_does_not_hang_on_how_lines_are_broken() {
                     _ => mixed.push(c),
                 }
             }
-            // By chance, `mixed` may have only Windows or only old Macintosh line endings, which formatting keeps.
+            // By chance, all line endings in `mixed` may be `\r
+            // `, or all may be `\r`. Formatting keeps such line endings, so they are replaced before the comparison.
             let found = format_text(&mixed);
             let found = found.map(|form| form.replace("\r\n", "\n").replace('\r', "\n"));
             assert_eq!(found.as_ref(), Some(&form), "{}", path.display());
@@ -334,7 +336,7 @@ fn a_field_that_is_not_there_is_added_as_its_author_writes_fields() {
     );
 }
 
-/// Random valid values: the target, the keys that lead to it in the file, and the value.
+/// Generates random valid edits: the target, the keys that lead to the target in the file, and the new value.
 fn edits() -> impl Strategy<Value = (&'static str, &'static [&'static str], String)> {
     let number = prop_oneof![(0..40i32).prop_map(|x| x.to_string()), "[0-3]?[0-9]\\.[0-9]{1,9}"];
     let color = "#[0-9a-f]{6}".prop_map(|color| format!("\"{color}\""));

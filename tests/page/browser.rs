@@ -14,8 +14,8 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Names of the browsers that support the protocol.
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
 
-/// Arguments that provide WebGL on any machine, with the same colors everywhere. Only WebGL is drawn this way: everything else is drawn as
-/// on a machine without a graphics card. Debian's Chromium requires a card otherwise.
+/// Arguments that provide WebGL on any machine, with the same colors everywhere. WebGL is drawn by software, because Debian's Chromium
+/// would otherwise require a graphics card. Everything else is drawn as on a machine without a graphics card.
 const DRAWN: [&str; 4] = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",

@@ -9,7 +9,7 @@ use crate::preview::Server;
 use crate::project::Project;
 use crate::visible_page::{ImageDifference, ROUNDED, SIZE, VisiblePage, columns};
 
-/// Returns a wavy surface of quads with vertex colors as a PLY file. Its columns above 18 are raised.
+/// Returns a wavy surface of quads with vertex colors as a PLY file. The vertices in the columns after 18 are raised by `raised`.
 fn wave(raised: f64) -> String {
     let side = 24;
     let mut text = format!(
@@ -32,7 +32,8 @@ fn wave(raised: f64) -> String {
     text
 }
 
-/// Makes a project with small values of the types that the doll's graph lacks.
+/// Makes a project whose graph has small values that the example graph `doll.ron` lacks: a mesh with vertex colors, points, a curve, a
+/// point net, a NURBS surface, and a mesh with materials.
 fn shapes() -> Project {
     let project = Project::new(
         "Graph(format: 1, nodes: { \"wave\": ReadMesh(path: \"wave.ply\"), \"points\": ReadPoints(path: \"points.xyz\"), \
@@ -72,7 +73,7 @@ fn shapes() -> Project {
         &project,
     );
     for (name, blue) in [("a.png", 30), ("c.png", 230)] {
-        // The texture is periodic, so its repetitions fit together.
+        // The texture is periodic, so there is no visible seam where it repeats.
         fn level(k: usize) -> u8 {
             let angle = (k as f64 + 0.5) * std::f64::consts::TAU / 16.0;
             (127.5 + 120.0 * libm::cos(angle)) as u8
@@ -84,8 +85,8 @@ fn shapes() -> Project {
     project
 }
 
-/// Maximum differences between the page and `render`, about twice the real ones. Edges are antialiased differently, which dominates in
-/// pictures that mostly show edges.
+/// Maximum allowed differences between a picture of the page and one of `render`, for each kind of picture. Each is about twice the
+/// measured difference. Edges are antialiased differently, so pictures that mostly show edges differ most.
 const FACES: ImageDifference = ImageDifference { mean: 0.4, other: 0.002 };
 const PIXELS: ImageDifference = ImageDifference { mean: 1.0, other: 0.01 };
 const THIN: ImageDifference = ImageDifference { mean: 0.6, other: 0.01 };
@@ -146,7 +147,8 @@ fn what_grows_is_drawn_as_it_is_rendered() {
     seen.view("model", "mesh");
     seen.press(&["0", "ArrowRight"]);
     let mut before = seen.canvas();
-    // The growth goes up and down: from flat to so steep that faces get vertices of their own, and back to earlier values.
+    // Changes the parameter `growth` up and down: at 0 the surface is flat, at 40 it is so steep that faces get vertices of their own. The
+    // last value equals the first.
     for (edit, growth) in [13.0, 40.0, 0.0, 39.0, 12.5, 13.0].into_iter().enumerate() {
         seen.project.save(&seen.project.doll_text(growth));
         seen.drawn_of(2 + edit);
@@ -309,7 +311,7 @@ fn every_output_of_every_node_is_seen() {
                 .iter()
                 .filter(|pixel| (0..3).any(|k| pixel[k].abs_diff(first[k]) > 40));
             assert!(seen.count() > 200, "there is nothing to be seen of {node}.{output}");
-            // Successive values look different, except for the knots `knots-u` and `knots-v`.
+            // Except for the knots `knots-u` and `knots-v`, each value looks different from the value that was drawn before it.
             assert!(
                 canvas != last || node.starts_with("knots"),
                 "{node}.{output} is the one before"
@@ -537,7 +539,7 @@ fn a_label_says_what_is_seen_and_from_where() {
     }
 }
 
-/// Opens a page of the doll; unlike `VisiblePage`, it keeps the layout of the window.
+/// Opens a page of the example graph `doll.ron`. Unlike `VisiblePage`, this function keeps the layout of the window.
 fn page() -> Option<(Project, Server, Browser)> {
     let mut browser = Browser::start()?;
     let project = Project::doll();

@@ -8,7 +8,7 @@ use crate::project::Project;
 
 mod picking;
 
-/// The hash of the value that is drawn.
+/// A JavaScript expression for the hash of the value that the page draws.
 const SHOWN: &str = "document.querySelector('canvas[tabindex]').dataset.shown";
 
 const CAPTION: &str = "document.querySelector('.caption').textContent";
@@ -19,17 +19,17 @@ const FIELD: &str = "document.querySelector('#parameter-growth').value";
 
 const SLIDER: &str = "input[aria-label=growth]";
 
-/// True while a dragged value is shown that is not saved yet.
+/// A JavaScript expression that is true while the page shows a dragged value that is not saved yet.
 const LIVE: &str = "document.querySelector('.caption').textContent.includes('not in the file yet')";
 
-/// Opens a page of the doll and waits until its last node is drawn. Returns `None` without a browser.
+/// Opens a page of the example graph `doll.ron` and waits until its last node is drawn. Returns `None` without a browser.
 fn doll() -> Option<(Project, Server, Browser)> {
     let project = Project::doll();
     let text = project.doll_text(12.0);
     page(project, &text)
 }
 
-/// Opens a page of another graph and waits until its last node is drawn.
+/// Opens a page of a graph with this text and waits until its last node is drawn.
 fn page(project: Project, text: &str) -> Option<(Project, Server, Browser)> {
     let mut browser = Browser::start()?;
     project.save(text);
@@ -101,7 +101,7 @@ fn note(browser: &mut Browser) {
     );
 }
 
-/// Returns an expression that is true if the saved value with this hash is shown, and no dragged value.
+/// Returns a JavaScript expression that is true if the page shows the saved value with this hash, and no dragged value.
 fn at_rest(hash: &Json) -> String {
     format!("{SHOWN} === {hash} && !{LIVE}")
 }
@@ -164,7 +164,7 @@ fn a_drag_is_given_up_with_escape_and_ends_where_it_began() {
         browser.ask(&format!("[{FIELD}, document.querySelector('{SLIDER}').value].join()")),
         "12,12"
     );
-    // The next drag works normally; it ends at its start.
+    // A drag after the cancelled one works normally. It ends at the value at which it began.
     mouse(&mut browser, "Pressed", [x, y]);
     let begun = browser.ask(FIELD);
     mouse(&mut browser, "Dragged", [x + 20.0, y]);
@@ -207,7 +207,7 @@ fn a_field_and_its_slider_agree_and_nothing_is_lost_while_somebody_types() {
     at(&mut browser, "20");
     browser.press("ArrowUp", 0);
     at(&mut browser, "21");
-    // The left end of the slider is 0, which must not be taken for a missing value.
+    // The left end of the slider has the value 0, which the page must not treat as a missing value.
     let [x, y] = thumb(&mut browser);
     mouse(&mut browser, "Pressed", [x, y]);
     mouse(&mut browser, "Dragged", [x - 200.0, y]);
@@ -241,7 +241,7 @@ fn a_field_and_its_slider_agree_and_nothing_is_lost_while_somebody_types() {
     served.watch.end();
 }
 
-/// The number of bytes that the page received for the last value.
+/// A JavaScript expression for the number of bytes that the page received for the last value.
 const MOVED: &str = "performance.getEntriesByName('value')[0].detail.bytes";
 
 /// Returns a screenshot of the canvas.

@@ -10,7 +10,7 @@ use crate::browser::Browser;
 use crate::preview::Server;
 use crate::project::Project;
 
-/// Opens a page of the doll and waits until it shows a value. Returns `None` without a browser.
+/// Opens a page of the example graph `doll.ron` and waits until it shows a value. Returns `None` without a browser.
 fn doll() -> Option<(Project, Server, Browser)> {
     let mut browser = Browser::start()?;
     let project = Project::doll();
@@ -21,7 +21,7 @@ fn doll() -> Option<(Project, Server, Browser)> {
     Some((project, served, browser))
 }
 
-/// An expression that gives the hash of the drawn value, if there is one.
+/// A JavaScript expression for the hash of the value that the page draws; undefined if it draws none.
 const SEEN: &str = "document.querySelector('.frame canvas')?.dataset.shown";
 
 const CAPTION: &str = "document.querySelector('.caption').textContent";
@@ -287,7 +287,8 @@ fn boxes_are_colored_by_state_time_or_bytes() {
         for what in ["time", "bytes"] {
             choose(&mut browser, what);
             let (fills, contrast) = colors(&mut browser, fills);
-            // On a busy machine, one node may take nearly all of the time, so few colors are used.
+            // On a busy machine, one node may take nearly all of the time. All other nodes then have similar colors, so fewer colors are
+            // required.
             let least = if what == "time" { 2 } else { 4 };
             assert!(fills.len() >= least, "{scheme}, {what}: {fills:?}");
             assert!(contrast > 4.5, "{scheme}, {what}: {contrast}");
@@ -397,7 +398,7 @@ fn a_name_that_is_bound_to_this_machine_and_a_foreign_page_are_told_nothing() {
             assert_eq!(browser.ask(&unread), "refused", "{host} to {to}");
         }
     }
-    // The page itself can open such a socket, so the others were refused because of their origin.
+    // The page of the server itself can open such a socket. So the attempts above were refused because of their origin.
     browser.open(&served.link());
     browser.wait(SEEN);
     assert_eq!(browser.ask(&socket(&served.host, &served.token)), "open");

@@ -143,7 +143,7 @@ impl Page {
         self.say(&json!({ "ask": "set", "values": [[name, format!("{value:.1}")]] }));
     }
 
-    /// Waits for a value with this hash. Returns true if a drag caused it.
+    /// Waits for a value with this hash. Returns true if the value was computed for a drag, and false if it belongs to the saved file.
     fn wait_live(&mut self, hash: &str) -> bool {
         loop {
             let value = self.wait("value");
@@ -153,7 +153,7 @@ impl Page {
         }
     }
 
-    /// Sends a request about a value and returns the answer.
+    /// Sends the request `ask` about an output of a node and returns the answer.
     fn ask(&mut self, ask: &str, id: u64, node: &str, output: &str, more: &Json) -> Json {
         let mut question = json!({ "ask": ask, "id": id, "node": node, "output": output });
         question.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
@@ -321,7 +321,7 @@ fn values_are_looked_at_and_outlive_an_error() {
     project.save(&project.doll_text(12.5));
     let second = page.wait("value");
     assert_ne!(second["hash"], first["hash"]);
-    // A client that has the old column gets only the changes if they are smaller than the column.
+    // A client that names the column which it already has gets only the changes, if they are smaller than the whole column.
     let (triangles, name) = column(&second, "triangle", &served, &own);
     assert_eq!(name, column(&first, "triangle", &served, &own).1);
     let same = format!("/column/{name}?from={name}");
@@ -469,8 +469,8 @@ fn memory(process: u32) -> usize {
 #[test]
 fn a_page_that_never_reads_stalls_nobody_and_fills_no_memory() {
     let project = Project::doll();
-    // The long description is sent at each change of the graph. It affects no value: results of 7 MB would be kept for each change and
-    // would be counted as memory of the page.
+    // Makes the messages to the page large by a long description of the graph, which is sent at each change. Large values would also do
+    // this, but their results (7 MB for each change) would be kept and would count as memory of the page.
     let words = "many words. ".repeat(1 << 17);
     fn save(index: usize, project: &Project, words: &str) {
         let text = project.doll_text(12.0).replacen("doc: \"", &format!("doc: \"{words}"), 1);

@@ -66,7 +66,7 @@ impl VisiblePage {
         self.browser.wait(&format!("{canvas}.width === {width} && {canvas}.height === {height}"));
     }
 
-    /// Waits until everything is drawn, provided that nothing must be fetched from the server.
+    /// Waits until the last changes are drawn. Does not wait for data that must be fetched from the server.
     pub(crate) fn wait_for_frame(&mut self) {
         self.browser.ask(
             "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())))",
@@ -74,7 +74,7 @@ impl VisiblePage {
         self.browser.wait("document.querySelector('.frame canvas').dataset.shown");
     }
 
-    /// Waits until the value of this run is drawn.
+    /// Waits until the value that was computed by the run with this number is drawn.
     pub(crate) fn drawn_of(&mut self, run: usize) {
         self.browser
             .wait(&format!("document.querySelector('.frame canvas').dataset.run === '{run}'"));
@@ -201,7 +201,7 @@ impl VisiblePage {
     }
 }
 
-/// Pictures that differ by at most this count as equal, because the camera in the address is rounded.
+/// The maximum difference of pictures that count as equal. It is not 0, because the camera in the address is rounded.
 pub(crate) const ROUNDED: ImageDifference = ImageDifference { mean: 0.01, other: 0.0001 };
 
 /// The difference between two pictures of one size.

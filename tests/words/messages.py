@@ -23,12 +23,13 @@ TOKEN = re.compile(
     | (?P<bytes>b"(?:[^"\\]|\\.)*")
     | (?P<string>"(?P<text>(?:[^"\\]|\\.)*)")
     | (?P<char>'(?:[^'\\]|\\(?:u\{[0-9a-fA-F]+\}|.))[^']{0,3}?')
-    | (?P<test>\#\[cfg\(test\)\]\s*(?:mod\s+\w+\s*\{|(?:pub(?:\([^)]*\))?\s+)?(?:fn|impl)\b[^{]*\{))
+    | (?P<test>\#\[cfg\(test\)\]\s*(?:pub(?:\([^)]*\))?\s+)?(?:mod\s+\w+\s*\{|(?:fn|impl)\b[^{]*\{))
     | (?P<attribute>\#!?\[(?:serde|schemars|doc|cfg|expect|allow|derive|must_use)\b[^\]]*\])
     """,
     re.VERBOSE | re.DOTALL,
 )
 ESCAPES = {"n": "\n", "t": "\t", "r": "\r", "0": "\0", "\\": "\\", '"': '"', "'": "'"}
+CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
 # Two words in a row: a message, not a name, a path or a pattern.
 SENTENCE = re.compile(r"[A-Za-z`}][\w`'}.,:)%-]*\s+[`({\"'<\w]")
 
@@ -58,7 +59,7 @@ def messages(text):
             position = end_of_block(text, position)
         message = match["raw_text"] if match["raw"] else unescape(match["text"]) if match["string"] else None
         if message and SENTENCE.search(message):
-            found.append(" ".join(message.split()))
+            found.append(" ".join(CONTROL.sub("", message).split()))
     return found
 
 

@@ -45,6 +45,10 @@ class Messages(unittest.TestCase):
         text = '#[serde(rename = "no message here")]\nstruct A;\n#[cfg(test)]\nmod tests {\n    fn a() { b("not this {one}"); }\n}\nconst B: &str = "but this";'
         self.assertEqual(messages.messages(text), ["but this"])
 
+    def test_a_module_of_tests_may_be_visible_to_others(self):
+        text = '#[cfg(test)]\npub(crate) mod tests {\n    fn a() { b("not this {one}"); }\n}\nconst B: &str = "but this\\0";'
+        self.assertEqual(messages.messages(text), ["but this"])
+
     def test_a_continued_line_is_one_message(self):
         self.assertEqual(messages.messages('"a long \\\n    message"'), ["a long message"])
 

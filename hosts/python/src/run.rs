@@ -47,8 +47,9 @@ impl Finished {
         plain::problems(py, &self.found.diagnostics())
     }
 
-    /// Writes the outputs in `only`, or all outputs if `only` is empty. The default folder is that of the graph's draft or final results.
-    /// If `signs` is true, files record their provenance. Files in `kept` are not replaced. Returns the written files and the errors.
+    /// Writes the outputs in `only`, or all outputs if `only` is empty. If no folder is given, `draft` selects the graph's folder for draft
+    /// results or that for final results. If `signs` is true, files record their provenance. Files in `kept` are not replaced. Returns the
+    /// written files and the errors.
     #[expect(clippy::too_many_arguments, reason = "the package calls it, with names")]
     fn write<'py>(
         &self,

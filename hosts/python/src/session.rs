@@ -84,7 +84,7 @@ pub(crate) fn finish_all(py: Python<'_>) -> Vec<String> {
     py.detach(|| {
         let mut troubles = Vec::new();
         for session in hosts.iter().filter(|host| host.is_of_this_process()) {
-            // A session that is still locked has a run whose caller was interrupted; it is not waited for.
+            // A session that is still locked belongs to a run whose caller was interrupted. This function does not wait for such a run.
             if let Some(Ok(session)) = session.session.as_ref().map(Mutex::try_lock) {
                 session.finish();
                 troubles.extend(session.cache_warnings().iter().map(|it| plain::trouble(it)));
@@ -265,7 +265,7 @@ impl Session {
     }
 }
 
-/// A result, or None if there are errors, and the diagnostics.
+/// The result, which is None if there are errors, and the diagnostics.
 type Reported<'py, T> = (Option<T>, Bound<'py, PyList>);
 
 /// An event that the thread of a run sends to the caller.

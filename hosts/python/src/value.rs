@@ -54,7 +54,7 @@ impl Value {
         })?;
         let columns =
             columns.into_iter().map(|column| Py::new(py, column)).collect::<PyResult<_>>()?;
-        // If another thread was faster, its result is used; both results are equal.
+        // If another thread has made the facts and columns first, its result is used. Both results are equal.
         Ok(self.made_of.get_or_init(|| MadeOf { facts, columns }))
     }
 }
@@ -79,7 +79,7 @@ impl Value {
         self.value.size()
     }
 
-    /// Returns the facts and counts that are needed to make the value from columns, by name.
+    /// Returns the facts and counts by name. The value can be made again from them and the columns.
     fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let facts = PyDict::new(py);
         for (name, fact) in &self.made_of(py)?.facts {

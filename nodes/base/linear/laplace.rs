@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use super::multigrid::{Grid, Multigrid, NONE};
 
-/// An error of [`solve`].
+/// Reasons why a Poisson equation cannot be solved.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PoissonError {
     /// The iteration did not converge.

@@ -3,7 +3,7 @@
 /// The residuals of some points, summarized by their maximum and the sum of their squares.
 #[derive(Clone, Copy, Debug)]
 pub struct Residuals {
-    /// The largest squared distance.
+    /// The largest squared distance of a point.
     pub max_sq: f64,
     /// The sum of the squared distances.
     pub sum_sq: f64,

@@ -52,7 +52,7 @@ impl Rows {
         self.indices.drain(..).zip(self.weights.drain(..)).collect()
     }
 
-    /// Ends the current row.
+    /// Ends the current row and begins the next one.
     pub fn end(&mut self) {
         self.ends.push(self.indices.len() as u32);
     }

@@ -14,7 +14,7 @@ pub enum FilterError {
         "the mesh is too distorted, or `length` is too large for its edges: the residual is still {off:.2e} after {steps} steps; use `Remesh` to make its faces uniform"
     )]
     NotSolved {
-        /// The number of steps.
+        /// The number of steps that were performed.
         steps: usize,
         /// The residual, relative to the right side.
         off: f64,
@@ -83,7 +83,7 @@ impl Filter {
             a.zip_map(&b, |a, b| if b > 0.0 { a / b } else { 0.0 })
         }
         for step in 0..MAX_STEPS {
-            // The number of steps is not known in advance.
+            // The number of steps is not known in advance, so the reported progress approaches 1 gradually.
             progress.tick(step as f64 / (step as f64 + 50.0))?;
             let q = system.apply(&p);
             let along = ratio(rz, system.dot(&p, &q));

@@ -44,7 +44,7 @@ pub enum BakeError {
          of all, and {tolerance:.3} mm are tolerated; are `poses` and `tolerance` right?"
     )]
     NothingSeen {
-        /// The number of captures.
+        /// The number of given captures.
         captures: usize,
         /// The median distance of the vertices from the nearest capture in mm.
         distance: f64,
@@ -62,7 +62,7 @@ pub enum BakeError {
     /// The mesh has no texture coordinates.
     #[error(transparent)]
     Layout(#[from] LayoutError),
-    /// Too many captures.
+    /// There are too many captures for one texture.
     #[error(transparent)]
     TooMuch(#[from] LimitError),
     /// The positions exceed the largest coordinate of a mesh.

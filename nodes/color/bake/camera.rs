@@ -117,8 +117,8 @@ impl Camera {
         pixel.iter().all(|x| x.is_finite()).then_some(pixel)
     }
 
-    /// Returns the direction from a point towards the camera, or away from it. Which of the two it is, is the same for all points of one
-    /// camera.
+    /// Returns a direction along the line from a point to the camera. For one camera, it points towards the camera at all points, or away
+    /// from it at all points.
     pub(super) fn direction_to_camera(&self, place: Point3<f64>) -> Vector3<f64> {
         let direction = self.center.xyz() - place.coords * self.center.w;
         direction.try_normalize(0.0).unwrap_or_default()

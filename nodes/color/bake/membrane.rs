@@ -1,4 +1,4 @@
-//! Values that change slowly over a surface.
+//! Computes values that change slowly over a surface.
 
 use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use maquette_base::topology::lists::Lists;

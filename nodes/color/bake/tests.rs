@@ -10,7 +10,7 @@ use super::*;
 /// The radius in mm of the sphere that all cameras look at.
 const RADIUS: f64 = 20.0;
 
-/// Returns the light of the sphere's paint at a point in world coordinates.
+/// Returns the color of the sphere's paint, as linear light, at a point in world coordinates.
 fn paint(place: Point3<f64>) -> [f64; 3] {
     fn wave(x: f64) -> f64 {
         0.25 + 0.15 * libm::sin(x / 4.0)

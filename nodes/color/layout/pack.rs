@@ -14,7 +14,7 @@ pub(super) struct Piece<'a> {
 pub(super) struct PackedCharts {
     /// The coordinates of each chart's vertices.
     pub(super) places: Vec<Vec<[f64; 2]>>,
-    /// Texels per mm.
+    /// Scale of the layout: texels per mm of the surface.
     pub(super) scale: f64,
 }
 
@@ -242,7 +242,7 @@ impl Square {
             for turn in 0..4 {
                 let [width, height] = if turn % 2 == 0 { counts } else { [counts[1], counts[0]] };
                 let mut runs = rotate(&runs, counts, turn);
-                // The widest row is tried first, because it fits least often.
+                // The longest run is tried first, because it fits least often.
                 runs.sort_by_key(|run| (self.blocks - run[2], run[0]));
                 let most = best.as_ref().map_or(self.blocks, |best| best.0 - 1);
                 let Some(last) = most.checked_sub(height) else { continue };
@@ -324,7 +324,7 @@ impl Square {
     }
 }
 
-/// Sets some bits of a row.
+/// Sets `count` bits of a row, from the bit `first` on.
 fn set(row: &mut Row, first: usize, count: usize) {
     for (word, bits) in row.iter_mut().enumerate() {
         let [from, to] =
@@ -335,7 +335,7 @@ fn set(row: &mut Row, first: usize, count: usize) {
     }
 }
 
-/// Returns the first index from `from` on whose bit is `bit`, or the end of the row.
+/// Returns the first index, at least `from`, at which the row has the bit `bit`; the end of the row if there is none.
 fn next(row: &Row, from: usize, bit: bool) -> usize {
     let mut place = from;
     while place < PLACES {

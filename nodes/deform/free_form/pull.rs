@@ -246,7 +246,7 @@ fn relevant_cells(deformation: &Deformation, points: &[Point3<f64>], error: f64)
     let bounds = super::object::bounds_of(points)?;
     let values: Vec<Vector3<f64>> =
         deformation.terms.iter().map(|term| term.value.into()).collect();
-    // Without a background, a part that all coefficients have in common is not affected by the ignored terms.
+    // Without a background the weights sum up to 1, so a value common to all coefficients does not depend on which terms are ignored.
     let common = if deformation.background > 0.0 {
         Vector3::zeros()
     } else {

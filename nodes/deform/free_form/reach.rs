@@ -44,7 +44,7 @@ impl Boxes {
     /// Returns the rows of points that may move by more than `error` mm; adjacent rows are merged.
     pub(crate) fn reached_rows(&self, deformation: &Deformation, error: f64) -> Vec<Range<u32>> {
         let mut rows: Vec<Range<u32>> = Vec::new();
-        // Rows that contain NaN are computed, which leads to the usual error.
+        // Rows that contain NaN are not skipped, so that the computation reports the NaN as an error.
         let stays: Vec<bool> = self
             .boxes
             .par_iter()

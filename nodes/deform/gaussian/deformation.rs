@@ -27,7 +27,7 @@ pub(crate) struct Term {
     pub(crate) value: [f64; 3],
 }
 
-/// A deformation of space.
+/// A deformation of space: the sum of a base map and weighted Gaussians.
 #[derive(Clone, Debug)]
 pub(crate) struct Deformation {
     pub(crate) terms: Vec<Term>,
@@ -52,7 +52,7 @@ pub(crate) struct Affine {
 }
 
 impl Base {
-    /// Returns a base that keeps each point (1) or maps it to the origin (0).
+    /// Returns a base map that multiplies each point by `keep`: 1 keeps the point, 0 maps it to the origin.
     pub(crate) fn keep(keep: f64) -> Self {
         Self { keep, affine: None }
     }
@@ -284,7 +284,7 @@ impl Work for Positions<'_> {
 /// A buffer of point coordinates, gathered before any point is computed, so that the memory accesses overlap.
 pub(crate) type PointBuffer = [[Lanes<LANES>; 3]; 8];
 
-/// An empty buffer.
+/// A buffer whose coordinates are all 0.
 pub(crate) const EMPTY_BUFFER: PointBuffer = [[Lanes::ZERO; 3]; 8];
 
 /// A computation of the new positions of some members of a list of points.

@@ -42,7 +42,7 @@ impl Bump {
     }
 }
 
-/// Gaussians, and the background.
+/// A set of Gaussians, and the background weight that is added to their sum.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Gaussians {
     pub(crate) bumps: Vec<Bump>,

@@ -48,7 +48,7 @@ pub(crate) struct Polynomial {
 /// The solution of the system for one right side.
 #[derive(Clone, Debug)]
 pub(crate) struct Solution {
-    /// One coefficient per handle.
+    /// The coefficients of the Gaussians, one per handle.
     pub(crate) coefficients: Vec<f64>,
     /// One coefficient per function of the polynomial.
     pub(crate) polynomial: Vec<f64>,

@@ -282,8 +282,8 @@ fn srgb_channel(light: f64) -> u8 {
     (c * 255.0).round() as u8
 }
 
-/// Returns, for each filled vertex, the nearest data vertex, found by a breadth-first search along edges. If several are equally near, the
-/// vertex reached from the lowest vertex is returned.
+/// Returns, for each filled vertex, the nearest data vertex, found by a breadth-first search along edges. The search starts from the filled
+/// vertices next to data, in the order of their indices; of several equally near data vertices, the one found first is returned.
 fn nearest_data_vertices(filling: &Filling, neighbors: &[Vec<u32>]) -> Vec<u32> {
     let mut nearest = vec![NONE; neighbors.len()];
     let mut reached = Vec::with_capacity(neighbors.len());

@@ -194,7 +194,7 @@ pub(crate) fn without_isolated_components(
     Ok((cut(&mesh, &isolated)?.0, kept.map(|(&is_cut, _)| is_cut).collect()))
 }
 
-/// Returns the component number of each vertex; components are numbered in the order of their lowest vertices.
+/// Returns the component number of each vertex; components are numbered in the order of their lowest vertex indices.
 fn connected_components(mesh: &Mesh) -> Vec<u32> {
     let mut sets = UnionFind::new(mesh.positions().len());
     match mesh.faces().as_triangles() {

@@ -17,8 +17,9 @@ pub(crate) struct NotManifold {
 /// Maximum number of edges or vertices listed in an error message.
 const MAX_LISTED: usize = 8;
 
-/// Returns the rims of a mesh: its boundary loops, none of which visits a vertex twice. Each rim begins at its lowest vertex; rims are
-/// sorted by that vertex. A rim has the direction of the faces that would fill it, opposite to the direction of the existing faces.
+/// Returns the rims of a mesh: its boundary loops, none of which visits a vertex twice. Each rim begins at its vertex with the lowest
+/// index, and rims are sorted by this index. A rim has the direction of the faces that would fill it, opposite to the direction of the
+/// existing faces.
 ///
 /// # Errors
 /// Returns an error if an edge has more than two faces or two faces of opposite orientation, or if a vertex has several face fans, one of
@@ -70,7 +71,7 @@ struct Spoke {
 /// The number of vertices that one task inspects.
 const BLOCK_SIZE: usize = 2048;
 
-/// Up to this number of faces, neighbors around a vertex are found by linear search; above, the faces are sorted.
+/// Maximum number of faces around a vertex for which neighbors are found by linear search; more faces are sorted first.
 const MAX_UNSORTED: usize = 16;
 
 impl<'a> VertexFaces<'a> {

@@ -174,8 +174,9 @@ fn fill_gaps(sets: &mut [u32]) {
     }
 }
 
-/// If the rim runs along a crease, the data may belong to one of its two segments only, while the fill continues the other one.
-/// Therefore a vertex next to a vertex of both segments is added to both if it is within `tolerance` of both surfaces.
+/// If the rim runs along a crease, the data at a rim vertex may belong to only one of the two segments that meet in the crease, while the
+/// fill continues the other one. Therefore a rim vertex next to a vertex of both segments is added to both segments, if it is within
+/// `tolerance` of both surfaces.
 fn follow_creases(sets: &mut [u32], charts: &[Chart], points: &[Point3<f64>], tolerance: f64) {
     let count = sets.len();
     let forth = (0..2 * count).map(|k| (k % count, (k + 1) % count));

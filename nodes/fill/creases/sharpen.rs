@@ -16,7 +16,7 @@ use crate::triangles::triangulation::{
 };
 
 /// Numbers of rounds to try one after the other. In each round, before creases are cut, vertices slide and are projected to their surfaces.
-/// If some faces are folded in the end, the next number is tried, with which creases cross other edges.
+/// If some faces are folded in the end, the next number is tried: after other numbers of rounds, creases cross other edges.
 const ROUND_COUNTS: [usize; 6] = [12, 4, 24, 8, 16, 2];
 
 /// Minimum and maximum number of rounds after creases are cut. Once the minimum is reached, the rounds end when no face is folded.

@@ -6,8 +6,8 @@ use super::level::Outcome;
 use super::patches::thin;
 use super::surface::{NONE, Surface};
 
-/// Distance between the centers of cells, in edge lengths of the data. In smaller cells the detail of neighboring vertices does not fit
-/// together; in larger ones vertices copy from far outside the middle of a patch, where it fits least.
+/// Distance between the centers of cells, in edge lengths of the data. In smaller cells, the detail copied to neighboring vertices does not
+/// fit together. In larger cells, vertices copy from far outside the middle of a patch, where the exemplar fits least.
 const MIN_DISTANCE: f64 = 2.5;
 
 /// Returns, for each missing vertex, the patch whose exemplar the vertex copies: the patch in the center of the vertex's cell. Cell centers

@@ -15,11 +15,12 @@ pub(super) struct PatchSamples {
     /// The samples' positions over the plane of the frame, in patch radii.
     positions: Vec<[f64; 2]>,
     radius: f64,
-    /// For each stage of a comparison, the number of samples compared until its end, and the fit of planes through these samples.
+    /// For each stage of a comparison, the number of samples compared up to the end of the stage, and the precomputed fit of planes through
+    /// these samples.
     stages: [(usize, Planes); STAGES],
 }
 
-/// Distance assigned to a sample where the exemplar has no surface, in patch radii; the fitted plane ignores such samples.
+/// Distance that is assigned to a sample where the exemplar has no surface, in patch radii. The fitted plane ignores such samples.
 const MISSING_DISTANCE: f64 = 0.25;
 
 /// The number of stages of a comparison, which may stop early after each.
@@ -162,13 +163,13 @@ impl Sums {
     }
 }
 
-/// The inverse of the normal equations of a plane through some positions: its upper triangle, row by row.
+/// The inverse of the normal equations of a least-squares plane through some positions. Only the upper triangle is stored, row by row.
 #[derive(Clone, Copy, Default)]
 struct Planes {
     inverse: [f64; 6],
 }
 
-/// Below this determinant, relative to the product of the diagonal, the positions are nearly collinear.
+/// Minimum determinant of the normal equations, relative to the product of their diagonal. Below it the positions are nearly collinear.
 const MIN_DETERMINANT: f64 = 1e-3;
 
 impl Planes {

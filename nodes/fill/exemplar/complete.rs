@@ -1,4 +1,4 @@
-//! The completion with the improvements over the publication (`Update::Exact`).
+//! The completion for `Update::Exact`, with improvements over the published method.
 
 use maquette_node::{CancelledError, Progress};
 use maquette_value::TraceStep;

@@ -24,7 +24,7 @@ pub(crate) struct CompletionInput {
     pub(crate) allowed: Option<Vec<bool>>,
     /// The colors of all vertices in CIE L*a*b*; the colors of filled vertices are estimated from the rim.
     pub(crate) colors: Option<Vec<[f64; 3]>>,
-    /// Marks the filled vertices of holes across which the start extends creases of the data; empty if no hole has any.
+    /// Marks the filled vertices of holes whose initial shape extends creases of the data; empty if no hole has any.
     pub(crate) sharp: Vec<bool>,
 }
 
@@ -49,7 +49,7 @@ pub(crate) struct Copies {
 }
 
 impl Copies {
-    /// Returns copies of nothing for `count` filled vertices.
+    /// Returns the copies of `count` filled vertices that copy nothing.
     pub(crate) fn empty(count: usize) -> Self {
         let (votes, sources) = (Votes::empty(count), Sources::empty());
         Self { exemplar: vec![NONE; count], votes, sources }
@@ -73,17 +73,17 @@ pub(crate) const NORMAL_RADIUS: f64 = 0.4;
 /// Minimum number of exemplars; a level with fewer is skipped.
 pub(crate) const MIN_EXEMPLARS: usize = 32;
 
-/// Maximum number of samples along a patch's radius: about 200 in all, whatever distance is requested.
+/// Maximum number of samples along a patch's radius. With 8, a patch has about 200 samples, whatever distance between samples is requested.
 pub(crate) const MAX_SAMPLES: f64 = 8.0;
 
-/// Ratio of the sample distance to the edge length above which only some vertices become samples.
+/// Only some vertices become samples if the sample distance exceeds this multiple of the edge length.
 pub(crate) const SPARSE: f64 = 1.3;
 
 /// The value of [`SPARSE`] for [`Update::Published`], in which all vertices move. With less, few vertices of a hole about 7 edges wide move
 /// on the coarsest level; with more, coarse levels of larger holes compare more samples.
 pub(crate) const SPARSE_PUBLISHED: f64 = 2.0;
 
-/// Returns, for each data vertex, the distance to the nearest missing vertex; infinite if greater than `max_distance`.
+/// Returns, for each data vertex, the distance to the nearest missing vertex. Distances greater than `max_distance` are infinite.
 pub(crate) fn distances_to_missing(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
@@ -128,7 +128,7 @@ pub(crate) struct Completion<'a> {
     /// The colors of all vertices; empty if colors are not compared.
     pub(super) colors: Vec<Color>,
     pub(super) hole: Hole,
-    /// Marks the filled vertices whose start has extended creases; empty if no vertex is marked.
+    /// Marks the filled vertices of holes whose initial shape extends creases of the data; empty if no vertex is marked.
     pub(super) sharp: &'a [bool],
     pub(super) distances: Vec<f64>,
     pub(super) orientations: Orientations,
@@ -141,7 +141,7 @@ pub(crate) struct Completion<'a> {
 /// The lengths used on a level.
 pub(crate) struct LevelSize {
     pub(super) radius: f64,
-    /// The distance between samples.
+    /// The distance between the samples of a patch.
     sample: f64,
     normal_radius: f64,
     sparse: bool,
@@ -257,8 +257,8 @@ impl Completion<'_> {
         }
     }
 
-    /// Adds the detail lost by averaging exemplars. Does nothing if the exemplars fit exactly, if not all vertices move, or if the
-    /// publication is followed.
+    /// Adds the detail lost by averaging exemplars. Does nothing if the exemplars fit exactly, if not all vertices move, or with
+    /// `Update::Published`.
     pub(super) fn add_detail(
         &self,
         size: &LevelSize,

@@ -11,8 +11,8 @@ use super::roughness::Roughness;
 use super::spread::Plate;
 use super::surface::{NONE, Surface};
 
-/// Stiffness with which vertices are held at their positions against the added detail. With a twentieth of it, detail bends the whole
-/// surface: on eight holes in each of five surfaces, fills were up to 25 % farther from the truth.
+/// Stiffness with which vertices are held at their positions while detail is added. With a twentieth of it, the added detail bends the
+/// whole surface: on eight holes in each of five surfaces, fills were up to 25 % farther from the truth.
 const STIFFNESS: f64 = 2.0;
 
 /// Maximum factor by which detail is amplified.

@@ -1,8 +1,9 @@
 //! Gives the dihedral angles of the filled edges the distribution of the angles around the hole.
 //!
 //! The mean of many exemplars bends too evenly: its crests are rounded, and between them it is less flat than the data. Therefore the
-//! filled edges are ranked by the size of their angles. Each filled edge gets the angle of the edge around the hole that has the same rank;
-//! the sign of its angle stays. The ranking stays, and so does the pattern: edges along a groove stay flat, edges across it become sharp.
+//! filled edges are ranked by the size of their angles. Each filled edge gets the angle of the edge around the hole that has the same rank,
+//! and keeps the sign of its angle. Since the ranking is kept, so is the pattern: edges along a groove stay flat, edges across it become
+//! sharp.
 //!
 //! Matching by ranks: Heeger and Bergen, "Pyramid-based texture analysis/synthesis" (1995), section 3.1, where pixel values are ranked.
 //! Angles and their gradients: Grinspun, Hirani, Desbrun and Schröder, "Discrete shells" (2003).
@@ -18,14 +19,15 @@ use super::surface::{NONE, Surface};
 /// counts as much as an angle error of one radian. With 0.2, crests become spikes on curly surfaces.
 const STIFFNESS: f64 = 1.0;
 
-/// Number of rounds. Several are needed because ranks change while vertices move; after half as many, the angles of flat edges on curly
-/// surfaces are still off by a quarter.
+/// Number of rounds. Several are needed because ranks change while vertices move: after half as many rounds, the angles of flat edges on
+/// curly surfaces are still wrong by a quarter.
 const ROUNDS: usize = 16;
 
-/// Width of the data region around a hole whose angles are measured, in units of the distance that the hole extends from its rim.
+/// Width of the band of data around a hole whose angles are measured, as a multiple of the maximum distance between the hole's vertices and
+/// its rim.
 const NEIGHBORHOOD: f64 = 2.0;
 
-/// Minimum number of edges around a hole: with fewer, the distribution is not known well enough.
+/// Minimum number of edges around a hole; fewer edges do not give a reliable distribution of angles.
 const MIN_EDGES: usize = 100;
 
 /// Moves the missing vertices of `points` along their `normals` until the filled edges of each hole have the angle distribution of the data
@@ -99,7 +101,7 @@ pub(super) fn match_dihedral_angles(
     Ok(())
 }
 
-/// An edge with two faces, at least one of whose corners moves.
+/// An edge that has two faces, of which at least one has a corner that moves.
 struct Hinge {
     corners: [u32; 4],
     /// The number of the hole that contains the edge.

@@ -1,4 +1,4 @@
-//! The exemplars from which the missing surface is built: the surroundings of data vertices, as height fields.
+//! The exemplars from which the missing surface is built: height fields of the surface around data vertices.
 
 use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
@@ -34,7 +34,8 @@ pub(super) struct Source<'a> {
     pub(super) normal_radius: f64,
     /// The distance between exemplars; if 0, all vertices are exemplars.
     pub(super) spacing: f64,
-    /// Follows the publication: exemplars may be cut off by borders of the data, and an exemplar stays at the position given by its frame.
+    /// True for `Update::Published`: exemplars may be cut off by borders of the data, and an exemplar stays at the position given by its
+    /// frame.
     pub(super) is_published: bool,
 }
 
@@ -150,7 +151,7 @@ struct Measurement {
     frame: Frame,
     rings: Rings,
     tint: Tint,
-    /// The fraction of the disk that has heights.
+    /// The fraction of the disk around the vertex that has heights.
     cover: f64,
 }
 
@@ -165,7 +166,7 @@ impl Source<'_> {
         let mut owners = vec![NONE; self.n_data_vertices];
         let mut spacing = self.spacing;
         if all.len() > MAX_EXEMPLARS {
-            // About the maximum number of disks with this spacing share the area.
+            // Choose the spacing such that about `MAX_EXEMPLARS` disks cover the area.
             let area: f64 = all.iter().map(|&vertex| self.areas[vertex as usize].norm()).sum();
             spacing = spacing.max((area / 6.0 / (0.5 * MAX_EXEMPLARS as f64)).sqrt());
         }

@@ -55,7 +55,7 @@ impl Frame {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Orientation([[f64; 2]; 2]);
 
-/// Maximum number of rotations.
+/// Maximum number of rotations in which an exemplar is tried.
 const MAX_ROTATIONS: u32 = 32;
 
 impl Orientation {
@@ -79,7 +79,7 @@ impl Orientation {
         [a * u + b * v, c * u + d * v]
     }
 
-    /// Returns the inverse, which maps the horizontal coordinates of the exemplar to those of the patch.
+    /// Returns the inverse rotation or reflection, which maps the horizontal coordinates of the exemplar to those of the patch.
     pub(super) fn inverse(&self) -> Self {
         let [[a, b], [c, d]] = self.0;
         Self([[a, c], [b, d]])

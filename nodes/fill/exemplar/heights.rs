@@ -1,4 +1,4 @@
-//! Represents a local surface as heights over the plane of a frame.
+//! Represents the surface around a vertex as heights over the plane of a local frame.
 
 use std::cmp::Ordering;
 
@@ -8,8 +8,8 @@ use nalgebra::{Point3, Vector3};
 use super::frame::{Frame, Orientation};
 use super::surface::{NONE, Surface};
 
-/// Number of lattice nodes on each side of the middle. Fewer nodes blur the features of a patch that is about 7 edges wide; more cost
-/// memory.
+/// Number of lattice nodes on each side of the middle node. With fewer nodes, the features of a patch that is about 7 edges wide are
+/// blurred; more nodes cost memory.
 const HALF: usize = 8;
 
 /// The number of nodes in a row.
@@ -155,15 +155,15 @@ impl Kernel for Measure<'_> {
     }
 }
 
-/// Factor of the sum of a node's four second differences by which the node is moved if an exemplar cannot be shifted to fit. Without the
-/// correction, interpolated heights are on the hollow side of a curved surface: between nodes on average by 1/12 of the sum, and inside
-/// regular facets with edges of one step by 1/16. With 1/12, a cap of a sphere still sinks with each iteration. If all vertices are
-/// samples, the value 1/6 reduces the mean distance of 12 filled holes from a unit sphere from 0.026 to 0.001, and that of 8 holes from a
-/// ridge, filled from a plate, from 0.010 to 0.008.
+/// If an exemplar cannot be shifted to fit a patch, each node of its lattice is moved away from its four neighbors by this factor times the
+/// sum of the height differences to them. Without the correction, interpolated heights are on the hollow side of a curved surface: between
+/// nodes on average by 1/12 of the sum, and inside regular facets with edges of one step by 1/16. With 1/12, a cap of a sphere still sinks
+/// with each iteration. If all vertices are samples, the value 1/6 reduces the mean distance of 12 filled holes from a unit sphere from
+/// 0.026 to 0.001, and that of 8 holes from a ridge, filled from a plate, from 0.010 to 0.008.
 const SAG: f32 = 1.0 / 6.0;
 
-/// Moves heights onto a smooth surface that, on average, passes through the vertices of the measured one. Nodes at the border of the
-/// heights stay.
+/// Moves heights onto a smooth surface that, on average, passes through the vertices of the measured surface. Nodes at the rim of the
+/// lattice, and nodes next to missing heights, do not move.
 pub(super) fn round_out(heights: &mut [f32]) {
     let measured = heights.to_vec();
     for row in 1..SIDE - 1 {
@@ -294,7 +294,7 @@ const WALKING: u64 = 0;
 const ARRIVED: u64 = 1;
 const LOST: u64 = 2;
 
-/// Masks of all ones for the first and for the second corner.
+/// For each corner of a triangle, two masks: the first is all ones for the first corner, the second is all ones for the second corner.
 const FIRST_OR_SECOND: [[u64; 2]; 3] = [[u64::MAX, 0], [0, u64::MAX], [0, 0]];
 
 /// Returns the first number if the mask is all ones, the second if it is 0. Branch-free: the compiler would branch on a condition.
@@ -533,7 +533,7 @@ mod tests {
                 .collect()
         }
         assert!(moves(|x, y| 0.5 * x - 0.25 * y).iter().all(|&by| by == 0.0));
-        // The four second differences are 1/2 each.
+        // The differences from a node to its four neighbors sum up to -1, so each node rises by `SAG`.
         let bowl = moves(|x, y| -0.25 * (x * x + y * y));
         assert!(bowl.iter().all(|&by| (by - SAG).abs() < 1e-5), "{bowl:?}");
     }

@@ -13,7 +13,7 @@ pub(super) struct Hole {
     pub(super) widths: Vec<f64>,
     /// For each missing vertex, the number of its hole.
     pub(super) numbers: Vec<u32>,
-    /// The maximum distance that a hole extends from its rim.
+    /// The maximum distance between the rim of a hole and a vertex of its fill.
     pub(super) width: f64,
     /// The mean length of the data's edges at the rim.
     pub(super) edge: f64,
@@ -90,7 +90,7 @@ fn mean_edge(surface: &Surface<'_>, points: &[Point3<f64>], rim: &[u32], data: u
     (sum > 0.0).then(|| sum / f64::from(count))
 }
 
-/// Returns, for each missing vertex, the distance that its hole extends from the rim, and the number of the hole.
+/// Returns, for each missing vertex, the maximum distance of its hole's vertices from the rim, and the number of the hole.
 fn widths(
     surface: &Surface<'_>,
     points: &[Point3<f64>],

@@ -1,4 +1,5 @@
-//! One level: finds a match for each patch, moves the missing vertices to the weighted mean of the matches, and repeats.
+//! One level of a completion: finds a match for each patch, moves the missing vertices to the weighted mean of the matches, and repeats
+//! both steps.
 
 use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
@@ -28,23 +29,23 @@ pub(super) struct CompletionContext<'a> {
     pub(super) options: &'a ExemplarOptions,
     pub(super) orientations: &'a Orientations,
     pub(super) hole: &'a Hole,
-    /// Marks the missing vertices whose start has extended creases; empty if no vertex is marked.
+    /// Marks the missing vertices of holes whose initial shape extends creases of the data; empty if no vertex is marked.
     pub(super) sharp: &'a [bool],
     /// For each data vertex, the distance to the nearest missing vertex.
     pub(super) distances: &'a [f64],
 }
 
-/// The energy of an iteration.
+/// The energy of an iteration: the distances between patches and their matches.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Energy {
-    /// The weighted mean of the squared distances: equation 1 of Kawai, Sato and Yokoya (2008).
+    /// The weighted mean of the squared distances between patches and matches: equation 1 of Kawai, Sato and Yokoya (2008).
     pub(super) mean: f64,
-    /// The largest mean squared distance of a patch.
+    /// The largest mean squared distance between a patch and its match.
     pub(super) max: f64,
 }
 
 impl Energy {
-    /// Returns true if the energy is so small that it is only rounding error.
+    /// Returns true if the energy is so small that it consists only of rounding errors. `radius` is that of a patch.
     fn is_rounding(&self, radius: f64) -> bool {
         let rounding = ROUNDING * radius;
         self.mean <= rounding * rounding
@@ -55,7 +56,7 @@ impl Energy {
 pub(super) struct Outcome {
     /// The iterations that were better than all earlier ones, and their energies.
     pub(super) improvements: Vec<(u64, Energy)>,
-    /// The number of iterations of the level.
+    /// The number of iterations that the level performed.
     pub(super) iterations: u64,
     pub(super) guides: Vec<Guide>,
     pub(super) patches: Patches,
@@ -68,7 +69,7 @@ pub(super) struct Outcome {
 }
 
 impl Outcome {
-    /// Returns true if the exemplars fit exactly: then there is no detail to add.
+    /// Returns true if the exemplars fit exactly, so that there is no detail to add.
     pub(super) fn is_exact(&self, radius: f64) -> bool {
         self.improvements.last().is_some_and(|(_, energy)| energy.is_rounding(radius))
     }
@@ -109,7 +110,7 @@ const FULL_SEARCH_INTERVAL: u64 = 4;
 #[derive(Clone, Copy)]
 struct FullSearch {
     iteration: u64,
-    /// The number of comparisons of the patches with the worst matches with all exemplars.
+    /// The number of comparisons that this search may spend on trying all exemplars for the patches with the worst matches.
     more: usize,
 }
 
@@ -233,8 +234,8 @@ impl CompletionLevel<'_> {
         })
     }
 
-    /// The minimum relative decrease of the energy that counts as progress. With less than 3 %, late iterations fit the noise of the
-    /// exemplars: on most surfaces the distance to the truth grows while the energy falls.
+    /// The minimum relative decrease of the energy that counts as progress. If a decrease of less than 3 % counted, late iterations would
+    /// fit the noise of the exemplars: on most surfaces the distance to the truth grows while the energy falls.
     fn min_gain(&self) -> f64 {
         match self.shared.options.update {
             Update::Exact => 0.03,
@@ -256,7 +257,7 @@ impl CompletionLevel<'_> {
         self.shared.options.update == Update::Published
     }
 
-    /// Returns the vertices whose normals change. If the publication is followed, the normals of data vertices at the rim do not change.
+    /// Returns the vertices whose normals change during the level. With `Update::Published`, these do not include data vertices at the rim.
     fn active(&self) -> Vec<u32> {
         let CompletionContext { surface, n_data_vertices: data, .. } = *self.shared;
         let mut active: Vec<u32> = (data as u32..self.shared.hole.rim.len() as u32)
@@ -377,8 +378,8 @@ impl CompletionLevel<'_> {
         }
     }
 
-    /// Moves the missing vertices to the weighted means of their positions on the exemplars: equations 9 to 13 of the publication, for all
-    /// vertices at once.
+    /// Moves the missing vertices to the weighted means of their positions on the exemplars: equations 9 to 13 of Kawai, Sato and Yokoya
+    /// (2008), for all vertices at once.
     fn move_vertices(
         &self,
         search: &Search<'_>,
@@ -438,7 +439,7 @@ pub(super) struct Iterate {
     energy: Energy,
 }
 
-/// Returns the energy (equation 1 of the publication), summed in the order of the patches.
+/// Returns the energy, equation 1 of Kawai, Sato and Yokoya (2008), summed in the order of the patches.
 fn energy(matches: &[Match], weights: &[f64]) -> Energy {
     let (mut sum, mut weight, mut max) = (0.0, 0.0, 0.0_f64);
     for (found, &own) in matches.iter().zip(weights) {

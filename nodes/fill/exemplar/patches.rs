@@ -42,7 +42,7 @@ const MAX_NEIGHBORS: usize = 6;
 
 impl Patches {
     /// Chooses samples among the missing vertices, which are those from `data` on, and among the data vertices that a patch around a
-    /// missing vertex can contain. `distances` are the distances of the data from the nearest missing vertex.
+    /// missing vertex can contain. `distances` has, for each data vertex, the distance to the nearest missing vertex.
     pub(super) fn new(
         surface: &Surface<'_>,
         points: &[Point3<f64>],

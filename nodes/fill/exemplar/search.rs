@@ -1,4 +1,4 @@
-//! Finds the exemplar that is most similar to a patch.
+//! Finds the exemplar that is most similar to a patch of the filled surface.
 //!
 //! The candidates for a patch are the exemplars with the most similar descriptors, those next to the matches of adjacent patches, the
 //! previous match, and random exemplars near the best one: Barnes, Shechtman, Finkelstein and Goldman, "PatchMatch" (2009), here for all
@@ -54,7 +54,7 @@ pub(super) struct Search<'a> {
 /// The number of candidates that the k-d tree yields, over all orientations.
 const FROM_TREE: usize = 16;
 
-/// The number of random candidates; each is at half the distance of the previous one from the best match.
+/// The number of random candidates. The distance of each from the best match is half of the distance of the previous one.
 const RANDOM: u64 = 4;
 
 /// The buffers of a search.
@@ -133,7 +133,7 @@ impl Search<'_> {
         scratch.tint = self.tint(center, &scratch.patch);
     }
 
-    /// Prepares comparisons with exemplars in an orientation.
+    /// Prepares comparisons of the patch with exemplars in one orientation.
     fn prepare_view(&self, orientation: u8, scratch: &mut Scratch) {
         let view = &mut scratch.views[usize::from(orientation)];
         if view.is_empty() {
@@ -156,7 +156,7 @@ impl Search<'_> {
         patch.prepare(self.radius, true);
     }
 
-    /// Returns the colors of a patch in its frame, or a default if colors are not compared.
+    /// Returns the mean color of a patch and its slopes in the patch's frame, or a default if colors are not compared.
     fn tint(&self, center: usize, patch: &PatchSamples) -> Tint {
         if self.colors.is_empty() {
             return Tint::default();

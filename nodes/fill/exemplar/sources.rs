@@ -19,7 +19,8 @@ impl Sources {
         Self(Vec::new())
     }
 
-    /// Finds the sources of the faces from `kept` on. `cells` has the patch whose exemplar each missing vertex copies.
+    /// Finds the sources of the faces with the indices from `kept` on. `cells` has, for each missing vertex, the patch whose exemplar it
+    /// copies.
     pub(super) fn new(
         outcome: &Outcome,
         exemplars: &Exemplars,

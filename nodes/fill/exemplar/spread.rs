@@ -81,8 +81,8 @@ pub(super) struct Spread<'a> {
 }
 
 impl<'a> Spread<'a> {
-    /// Creates an operator over the vertices from `first` on. The motions of those in `moved` will be given. Returns `None` if the
-    /// equations have no solution.
+    /// Creates an operator that spreads the motions of the vertices in `moved` to all vertices from the index `first` on. Returns `None` if
+    /// the equations have no solution.
     pub(super) fn new(
         surface: &'a Surface<'a>,
         vertices: usize,

@@ -96,7 +96,7 @@ impl<'a> Surface<'a> {
         self.area_before(points, vertex, NONE)
     }
 
-    /// Like [`area`](Self::area), but counts only faces with an index below `limit`.
+    /// Like [`area`](Self::area), but sums only over faces with an index below `limit`.
     pub(super) fn area_before(
         &self,
         points: &[Point3<f64>],
@@ -113,8 +113,8 @@ impl<'a> Surface<'a> {
             .sum()
     }
 
-    /// Returns the vertices within `radius` of a vertex that are connected to it inside the ball, the vertex itself first. Vertices for
-    /// which `open` is false are left out.
+    /// Returns the vertices within a distance `radius` of a vertex that are connected to it by edges inside this ball, the vertex itself
+    /// first. Vertices for which `open` is false are left out.
     pub(super) fn ball(
         &self,
         points: &[Point3<f64>],

@@ -52,7 +52,7 @@ fn a_plane_converges_at_once() {
     assert!(done.trace.last().unwrap().iteration < 2 * levels, "{:?}", done.trace);
 }
 
-/// Returns the setup of the reference: a sphere whose cap of 28 degrees is missing and flattened.
+/// Returns the setup of the reference measurement: a sphere whose cap of 28 degrees is missing and flattened.
 fn flat_cap() -> (Filling, ExemplarOptions) {
     let limit = libm::cos(28.0_f64.to_radians());
     let mut filling = sphere(3, |point| point.z > limit);
@@ -374,12 +374,12 @@ fn angles_have_a_sign_and_gradients() {
 fn votes_average_the_attributes_of_exemplars() {
     let mut filling = bumps();
     let done = run(&mut filling, &ExemplarOptions::default());
-    // A column that is constant stays constant.
+    // Copying an attribute that is constant must not change it.
     for mean in done.copies.votes.mean(|_| [0.25, 4.0]) {
         let [a, b] = mean.expect("every filled vertex has votes");
         assert!((a - 0.25).abs() < 1e-12 && (b - 4.0).abs() < 1e-12);
     }
-    // A column with two values is mixed.
+    // An attribute with two values is mixed where exemplars differ.
     let sides = done
         .copies
         .votes

@@ -67,7 +67,7 @@ mod tests {
         fn tint_along(axis: usize, corners: &[[f64; 2]; 4]) -> Tint {
             Tint::new(corners.iter().map(|&p| (p, [p[axis], 5.0, 0.0])))
         }
-        // A quarter rotation takes x to y.
+        // A rotation by 90 degrees maps the x axis to the y axis.
         let orientations = Orientation::list(4, false);
         assert!(
             tint_along(0, &corners).compare(&tint_along(1, &corners), &orientations[1]) < 1e-12

@@ -32,7 +32,7 @@ pub(crate) struct Bounds {
 }
 
 impl Bounds {
-    /// The empty box.
+    /// A box without points.
     pub(crate) const EMPTY: Self = Self {
         low: Point3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
         high: Point3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),

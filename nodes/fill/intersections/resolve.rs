@@ -30,7 +30,7 @@ pub(crate) struct HoleFills<'a> {
 /// Maximum number of intersecting holes that, at the end, are filled again one by one.
 const MAX_SEPARATE_HOLES: usize = 20;
 
-/// Maximum number of intersecting triangles of a fill with creases that is repaired; with more, its creases count as wrong.
+/// A fill with creases is repaired if at most this number of its triangles intersect others; with more, its creases count as wrong.
 const MAX_REPAIRED_TRIANGLES: usize = 16;
 
 impl HoleFills<'_> {

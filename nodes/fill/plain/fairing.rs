@@ -12,7 +12,7 @@ use nalgebra::{Point3, Vector3};
 use crate::border::rim::Rim;
 use crate::triangles::triangulation::{NONE, Triangulation, area_vector};
 
-/// The energy to minimize.
+/// The energy that the shape of a fill minimizes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Energy {
     /// The area. The minimal surface meets the rim at an angle.
@@ -55,7 +55,7 @@ struct Laplacian {
     starts: Vec<u32>,
     columns: Vec<u32>,
     weights: Vec<f64>,
-    /// The area of each vertex. It is infinite at the border, where faces do not surround the vertex; an infinite area gives the row no
+    /// The area of each vertex. It is infinite at the border, where faces do not surround the vertex; the row of such a vertex thus has no
     /// weight.
     areas: Vec<f64>,
     /// The unit normal at each vertex.

@@ -79,8 +79,8 @@ pub(crate) fn fill_hole(
     Ok(HoleFill { triangulation, fallback, is_sharp: false })
 }
 
-/// Computes a membrane and its vertex density: first both coarse, then both fine. The coarse shape determines the distances between the
-/// fine vertices.
+/// Computes a membrane and the density of its vertices, first on a coarse level and then on the final one. The coarse shape determines the
+/// distances between the vertices of the final one.
 fn membrane(
     triangulation: &mut Triangulation,
     rim: &Rim,

@@ -20,7 +20,7 @@ const SHORT_RATIO: f64 = 0.8;
 /// Maximum number of passes over all edges; four or five are usual.
 const MAX_PASSES: usize = 20;
 
-/// The passes end when at most one edge in this number has changed: later passes move few vertices by small distances.
+/// The passes end when a pass has changed at most one in this many edges: later passes move few vertices by small distances.
 const CONVERGED_DIVISOR: usize = 100;
 
 /// Cosine of the maximum angle, 75 degrees, by which a face may rotate when an edge collapses.
@@ -38,7 +38,7 @@ pub(crate) const TRIANGLES: Limit = Limit {
     help: "check whether a vertex of the rim is an outlier or `edges` are too short, or leave the rim out with `holes: Edges` or `holes: Loops`",
 };
 
-/// The reason why a triangulation is not refined.
+/// The reason why a triangulation cannot be refined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum RefineError {
     /// The evaluation was cancelled.
@@ -53,8 +53,8 @@ impl From<CancelledError> for RefineError {
     }
 }
 
-/// Adapts the edge lengths of `triangulation` to `target`, which is evaluated once per vertex: at each rim vertex and at each vertex that
-/// splits an edge.
+/// Adapts the edge lengths of `triangulation` to the target lengths. `target` is evaluated once per vertex: at each rim vertex, and at each
+/// vertex that a split adds.
 ///
 /// # Errors
 /// Returns an error if there would be too many triangles, or if the evaluation is cancelled.
@@ -83,8 +83,8 @@ pub(crate) fn refine(
 /// The area of an equilateral triangle with edges of length 1.
 const EQUILATERAL: f64 = 0.4330127018922193;
 
-/// Estimates the number of triangles that [`refine`] makes of `triangulation`. Triangles much larger than the target are divided for the
-/// estimate; `divisions` limits the number of divisions.
+/// Estimates the number of triangles that [`refine`] makes of `triangulation`. For the estimate, triangles much larger than the target are
+/// divided, at most `divisions` times in all.
 pub(crate) fn estimate(
     triangulation: &Triangulation,
     target: impl Fn(Point3<f64>) -> f64,
@@ -232,11 +232,11 @@ fn should_flip(triangulation: &Triangulation, half: u32) -> bool {
         return false;
     }
     let [pa, pb, pc, pd] = [a, b, c, d].map(|vertex| triangulation.points[vertex as usize]);
-    // Nearly always both angles are acute.
+    // Nearly always both angles opposite to the edge are acute; then no flip is needed.
     if [pc, pd].iter().all(|apex| (pa - apex).dot(&(pb - apex)) >= 0.0) {
         return false;
     }
-    // The angles add up to more than 180 degrees if the sum of their cotangents is negative.
+    // The opposite angles add up to more than 180 degrees if the sum of their cotangents is negative.
     if cotangent(pc, pa, pb) + cotangent(pd, pa, pb) >= -1e-9 {
         return false;
     }
@@ -245,7 +245,8 @@ fn should_flip(triangulation: &Triangulation, half: u32) -> bool {
     if new.iter().any(|area| area.dot(&old) <= 0.0) {
         return false;
     }
-    // The flip is not done if the new edge exists already; this also prevents vertices with only two faces.
+    // The flipped edge would connect `c` and `d`. If they have an edge already, there is no flip. This is also the case if an end of the
+    // old edge has only three faces, so no vertex is left with two faces.
     let inner = if triangulation.is_rim(c) { d } else { c };
     let other = if inner == c { d } else { c };
     !triangulation.halves_around(inner).any(|half| triangulation.ends(half)[1] == other)
@@ -317,7 +318,8 @@ fn collapse(triangulation: &mut Triangulation, sizes: &[f64], half: u32) -> bool
     true
 }
 
-/// Fraction of the way to the centroid of the adjacent faces that a vertex moves in one pass; with more, neighbors oscillate.
+/// Fraction of the way to the centroid of the adjacent faces that a vertex moves in one pass. With a larger fraction, neighboring vertices
+/// oscillate.
 const SLIDE: f64 = 0.6;
 
 /// Tangential relaxation: moves each inner vertex along the surface towards the centroid of the faces around it.

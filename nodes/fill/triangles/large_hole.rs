@@ -13,7 +13,8 @@ use nalgebra::{Point3, Vector3};
 use super::min_weight::min_weight;
 use super::triangulation::{NONE, Triangulation, area_vector, cotangent, previous};
 
-/// Number of vertices that are triangulated first, by dynamic programming. With fewer, the shape is worse; the cost grows with the cube.
+/// Number of vertices that are triangulated first, by dynamic programming. With fewer, the shape is worse; the cost grows with the cube of
+/// the number.
 const MAX_VERTICES: usize = 100;
 
 /// Relative difference below which two areas count as equal.

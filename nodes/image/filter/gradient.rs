@@ -19,7 +19,7 @@ pub(crate) enum Levels<'a> {
 }
 
 impl Levels<'_> {
-    /// Width and height.
+    /// Returns the width and height in pixels.
     pub(crate) fn size(self) -> [usize; 2] {
         match self {
             Self::Luma(image) => [image.width(), image.height()],

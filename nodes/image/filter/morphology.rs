@@ -23,7 +23,7 @@ pub fn dilate(mask: &Mask, radius: usize) -> Mask {
     Mask::new(width, height, pixels).expect("as many pixels as before")
 }
 
-/// Spreads the pixels of the first of two kinds, then those of the second.
+/// Spreads the pixels with the value `kinds[0]`, then those with the value `kinds[1]`.
 fn spread_both(mask: &Mask, radius: usize, kinds: [u8; 2]) -> Mask {
     let (width, height) = (mask.width(), mask.height());
     if radius == 0 || mask.count() == 0 {

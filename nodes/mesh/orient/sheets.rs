@@ -25,7 +25,7 @@ pub struct OneSided {
 pub(super) struct Sheets {
     /// The number of the part that contains each face.
     pub(super) of_face: Vec<u32>,
-    /// The faces that are flipped to make each part consistent: fewer than half of the faces of a part.
+    /// Marks the faces that are flipped to make each part consistent: fewer than half of the faces of a part.
     pub(super) is_turned: Vec<bool>,
     /// For each part, true if all of its edges have two faces.
     pub(super) is_closed: Vec<bool>,
@@ -40,7 +40,8 @@ impl Sheets {
     /// Returns an error if a part is not orientable.
     pub(super) fn new(mesh: &Mesh) -> Result<Self, OneSided> {
         let (edges, count) = (mesh.edges(), mesh.faces().len());
-        // For each edge, the sides of faces at it: the face, and true if the side runs from the lower to the higher vertex.
+        // For each edge, the sides of faces at it: the face, and true if the side runs from the vertex with the lower index to the other
+        // one.
         let at_edges = Lists::group(edges.vertices.len(), || {
             let mut corner = 0;
             let sides = mesh.faces().iter().zip(0..).flat_map(move |(face, number)| {

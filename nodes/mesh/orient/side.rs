@@ -1,4 +1,4 @@
-//! Determines the outside of a part.
+//! Determines for each part of a mesh which side of its faces is the outside.
 
 use maquette_base::solid_angle::half_solid_angle;
 use maquette_base::topology::lists::Lists;

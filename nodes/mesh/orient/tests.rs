@@ -19,7 +19,7 @@ fn tetrahedron(at: f64, size: f64) -> Mesh {
     )
 }
 
-/// Concatenates several meshes.
+/// Returns one mesh that consists of several meshes.
 fn concatenate(parts: &[Mesh]) -> Mesh {
     crate::merge(&Vec::from_iter(parts), crate::Poses::Ignore).unwrap()
 }

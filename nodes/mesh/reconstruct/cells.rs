@@ -173,7 +173,7 @@ impl Places {
     }
 }
 
-/// Returns the value of the quadratic B-spline around 0, which is 0 from 1.5 on.
+/// Returns the value at `x` of the quadratic B-spline centered at 0; it is 0 if the absolute value of `x` is 1.5 or more.
 pub(super) fn bell(x: f64) -> f64 {
     let x = x.abs();
     if x < 0.5 {

@@ -84,7 +84,7 @@ fn intersected_cells(
         });
         let mut cells: Vec<CellIndex> = inherited.collect();
         cells.extend(own);
-        FACES.check("the skin", cells.len() as f64)?;
+        FACES.check("the surface", cells.len() as f64)?;
         progress.check().map_err(SolveError::Cancelled)?;
         coarse = if from < depth {
             cells.par_iter().flat_map_iter(|cell| corners_of(cell.map(|x| 2 * x))).collect()
@@ -140,7 +140,8 @@ impl Signs<'_> {
         corners_of(place).map(|node| self.of_node(node))
     }
 
-    /// Returns the cells that the surface intersects after the changes.
+    /// Returns the cells that the surface intersects after outer nodes were made inner ones; `before` are the cells that it intersected
+    /// before.
     fn cells(&self, before: &Places) -> Places {
         let mut cells: BTreeMap<[i32; 3], CellIndex> = BTreeMap::new();
         let changed = self.taken_in.iter().flat_map(|&[x, y, z]| corners_of([x - 1, y - 1, z - 1]));

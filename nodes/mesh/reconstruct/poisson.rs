@@ -37,7 +37,7 @@ const STEPS: usize = 24;
 /// The residual, relative to the initial one, at which the iteration on a grid stops.
 const TOLERANCE: f64 = 2e-3;
 
-/// The function on the grid of one depth.
+/// The part of the function that is stored on the grid of one depth.
 pub(super) struct Grid {
     pub(super) nodes: Places,
     pub(super) values: Vec<f64>,

@@ -161,7 +161,7 @@ fn parts(skin: &Skin) -> Vec<u32> {
     parts.into_labels().0
 }
 
-/// Removes vertices without quads.
+/// Removes the vertices that no quad uses.
 fn compact(skin: &mut Skin, flags: &mut Vec<bool>) {
     let mut is_used = vec![false; skin.positions.len()];
     skin.quads.iter().flatten().for_each(|&vertex| is_used[vertex as usize] = true);

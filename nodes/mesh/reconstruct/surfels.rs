@@ -56,7 +56,7 @@ pub(super) struct Layer {
 /// The points in cells of all depths.
 pub(super) struct Pyramid {
     pub(super) cube: Cube,
-    /// The cells by depth.
+    /// The occupied cells of each depth.
     pub(super) layers: Vec<Layer>,
     /// The indices of the points, ordered by finest cell.
     pub(super) order: Vec<u32>,
@@ -304,7 +304,7 @@ fn coarser(layer: &Layer, depth: u32) -> Layer {
     Layer { cells: Places::new(1 << depth, places), moments, finest }
 }
 
-/// A surface element.
+/// A surface element: the combined points of one cell.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Surfel {
     pub(super) at: Point3<f64>,

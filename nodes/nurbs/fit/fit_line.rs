@@ -19,7 +19,7 @@ enum Solver {
     Interpolate(Factors),
     /// Least squares with fewer control points: the factored normal equations of all control points except the ends.
     LeastSquares(Factors),
-    /// Progressive iteration.
+    /// Progressive iteration, with at most `iterations` rounds, until no control point moves farther than `tolerance`.
     Progressive { iterations: usize, tolerance: f64 },
 }
 
@@ -244,7 +244,7 @@ impl Steps {
                 }
             }
             for (step, &sum) in self.moves.iter_mut().zip(&self.sums) {
-                // A basis function that is 0 at all points moves nothing.
+                // If a basis function is 0 at all points, its control point does not move.
                 *step = if sum > 0.0 { *step / sum } else { Vector3::zeros() };
             }
             let last = self.moves.len() - 1;

@@ -12,7 +12,7 @@ use crate::fit_error::FitError;
 use crate::fit_method::FitMethod;
 use crate::fit_parameters::FitParameters;
 
-/// The fit along one direction.
+/// The fit of a surface along one parameter direction, u or v.
 pub(crate) struct Direction {
     pub(crate) fit: LineFit,
     parameters: Vec<f64>,

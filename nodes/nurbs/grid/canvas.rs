@@ -11,7 +11,7 @@ use crate::blend_mode::BlendMode;
 pub(crate) struct Canvas {
     /// Number of cells per row.
     pub(crate) width: usize,
-    /// Number of rows.
+    /// Number of rows of cells.
     pub(crate) height: usize,
     /// The point of every cell before the change; NaN for a cell without a point.
     pub(crate) points: Vec<Point3<f64>>,

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 /// Used as the neighbor of a triangle across an edge that has no other triangle.
 const NONE: u32 = u32::MAX;
 
-/// A triangulated disk.
+/// A region of the range grid as a triangulated disk.
 pub(crate) struct Disk {
     /// The (column, row) of each vertex. First come all cells of the window, then the vertices in the middle between two cells.
     pub(crate) places: Vec<[f64; 2]>,

@@ -96,7 +96,7 @@ impl<'a> Old<'a> {
         )
     }
 
-    /// Returns the net coordinate and the depth of a part of the cell `owner`, if that cell is inside.
+    /// Returns the net coordinate and the depth of a smaller cell within the old cell `owner`; `None` if `owner` is outside of the region.
     fn target(&self, owner: usize, corners: &Corners) -> Option<([f64; 2], f64)> {
         self.own_target(owner)?;
         let mut coordinate = [0.0; 2];

@@ -350,7 +350,7 @@ fn interior(
     }
 }
 
-/// Maximum distance of a point outside of its triangle, in steps of the net: far above rounding errors.
+/// Maximum distance, in steps of the net, between a point and the triangle that should contain it: far above rounding errors.
 const MAX_OUTSIDE: f64 = 1e-6;
 
 /// Returns twice the signed area of a triangle.

@@ -37,7 +37,7 @@ struct System {
     starts: Vec<usize>,
     /// The terms: the index of a neighbor, and its weight.
     terms: Vec<(u32, f64)>,
-    /// Number of vertices.
+    /// Number of all vertices of the disk.
     count: usize,
 }
 

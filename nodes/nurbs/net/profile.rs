@@ -40,9 +40,9 @@ pub enum ProfileError {
     /// The power or width is out of range.
     #[error("the profile's number is {number}; it must be {least}")]
     Number {
-        /// The number.
+        /// The invalid power or width.
         number: f64,
-        /// The allowed range.
+        /// The allowed range of the power or width.
         least: &'static str,
     },
     /// The distance from the border could not be computed.

@@ -19,8 +19,8 @@ const SMOOTHING: f64 = 2.0;
 const MAX_TOOTH: f64 = 3.0;
 const TEETH_SHARE: f64 = 0.1;
 
-/// Tolerance for lengths and areas, in cells and square cells. A side of the line counts as pointing to the center if twice the area
-/// between them is smaller; a ray that is shorter has no length.
+/// Tolerance for lengths and areas, in cells and square cells. A side of the line counts as pointing to the center if twice the area of the
+/// triangle between the side and the center is below this value. A ray shorter than this value counts as having no length.
 const FLAT: f64 = 1e-12;
 
 /// The lengths of the rays from the origin to a closed line. Positions are (column, row) in cells, with rows growing down.

@@ -15,7 +15,7 @@ use crate::net_error::NetError;
 /// invent points.
 const MIN_LINES: usize = 4;
 
-/// If a sample is closer to a point than this fraction of the line's length, the sample is the exact point; the fraction covers some
+/// A sample closer to a point than this fraction of the line's length becomes exactly that point. The fraction is slightly larger than
 /// rounding errors.
 const SAME: f64 = 1e-12;
 
@@ -74,7 +74,7 @@ struct Line {
 /// A net, line by line.
 struct LineNet {
     points: Vec<Point3<f64>>,
-    /// Number of lines.
+    /// Number of lines in the net.
     across: usize,
     /// Number of points of each line.
     along: usize,

@@ -153,7 +153,7 @@ pub(crate) fn double_area([first, second, third]: [Point3<f64>; 3]) -> Vector3<f
 /// The lines of sight of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rays {
-    /// Rays from the origin.
+    /// Lines of sight are rays from the origin, where the sensor is.
     FromOrigin,
     /// Rays along z. Used for a grid without a camera that has points at or behind the origin, which then cannot be the position of the
     /// sensor.

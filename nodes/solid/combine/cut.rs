@@ -12,17 +12,17 @@ use super::intersections::{Meet, Meeting, Pair};
 use crate::operation::Operation;
 use crate::polygons::{loops, project_to_plane, triangulate};
 
-/// The parts of two solids that an operation keeps.
+/// The parts of two solids that a Boolean operation keeps.
 ///
 /// The vertices are first those of both solids, then the intersection points, then midpoints of edges.
 pub(super) struct Cut<'a> {
     pair: &'a Pair<'a>,
     meet: &'a Meet,
-    /// For each vertex, true if it is inside of the solid to which it does not belong.
+    /// For each vertex, true if it is inside of the other solid.
     inside: &'a [bool],
     how: Operation,
     pub(super) halfway: Vec<[u32; 2]>,
-    /// Faces that are not cut, and whether each is reversed.
+    /// The faces that are not cut, each with true if it must be reversed.
     whole: Vec<(u32, bool)>,
     /// The remaining parts of cut triangles.
     pub(super) pieces: Vec<Piece>,
@@ -36,7 +36,7 @@ pub(super) struct Piece {
 }
 
 impl<'a> Cut<'a> {
-    /// Computes the parts of both solids that stay.
+    /// Determines the parts of both solids that the result keeps.
     pub(super) fn new(
         pair: &'a Pair<'a>,
         meet: &'a Meet,
@@ -83,8 +83,8 @@ impl<'a> Cut<'a> {
         cut
     }
 
-    /// Returns the directed sides of the part of a triangle that stays, which is to their left. The sides are parts of the triangle's
-    /// edges, and the lines in which other triangles cross it.
+    /// Returns the directed sides of the part of a triangle that the result keeps, which is to the left of the sides. The sides are pieces
+    /// of the triangle's edges, and the lines in which other triangles cross the triangle.
     fn sides(&self, triangle: usize, lines: impl Iterator<Item = [u32; 2]>) -> Vec<[u32; 2]> {
         let mut sides: Vec<_> =
             lines.map(|ends| ends.map(|it| it + self.first_new_vertex())).collect();
@@ -95,7 +95,7 @@ impl<'a> Cut<'a> {
         sides
     }
 
-    /// Returns the parts of an edge that stay.
+    /// Returns the pieces of an edge that the result keeps.
     fn remaining_parts(&self, edge: [u32; 2]) -> Vec<[u32; 2]> {
         let wants_inside = self.how.wants_inside(self.pair.solid_of(edge[0]));
         let first = usize::from(self.inside[edge[0] as usize] != wants_inside);
@@ -126,12 +126,12 @@ impl<'a> Cut<'a> {
         self.meet.meetings.len()
     }
 
-    /// Returns the distance in mm below which points count as one point.
+    /// Returns the distance in mm below which two points count as one.
     pub(super) fn tolerance(&self) -> f64 {
         self.pair.tolerance
     }
 
-    /// Returns the edges of uncut faces whose ends are both vertices of pieces, the lower vertex first.
+    /// Returns the edges of uncut faces whose ends are both vertices of pieces. The vertices of each edge are in ascending order.
     pub(super) fn edges_of_whole_faces(&self) -> BTreeSet<[u32; 2]> {
         let mut is_near = vec![false; self.first_new_vertex() as usize];
         for vertex in self.pieces.iter().flat_map(|piece| piece.vertices) {
@@ -182,7 +182,7 @@ impl<'a> Cut<'a> {
         }
     }
 
-    /// Returns the points along an edge: its first vertex, its intersection points in order, and its other vertex.
+    /// Returns the points along an edge: its start, its intersection points in order, and its end.
     fn stops(&self, [from, to]: [u32; 2]) -> Vec<u32> {
         let mut stops = vec![from];
         stops.extend(
@@ -195,14 +195,15 @@ impl<'a> Cut<'a> {
         stops
     }
 
-    /// Builds the mesh of all parts that stay.
+    /// Builds the mesh of all parts that the result keeps.
     pub(super) fn mesh(&self) -> Result<Mesh, MeshError> {
         let of = self.pair.mesh;
         let count =
             self.first_new_vertex() as usize + self.meet.meetings.len() + self.halfway.len();
         let mut sides = Vec::with_capacity(self.whole.len() + self.pieces.len());
         let mut faces = Vec::with_capacity(sides.capacity());
-        // For each corner: its vertex, and the corner or else the triangle of a solid from which it gets its attributes.
+        // For each corner: its vertex, and the source of its attributes: `Ok` with a corner of a solid, or `Err` with a triangle of a
+        // solid.
         let mut corners: Vec<(u32, Result<u32, u32>)> = Vec::new();
         for &(face, is_turned) in &self.whole {
             let vertices = of.faces().face(face as usize);
@@ -224,7 +225,7 @@ impl<'a> Cut<'a> {
             sides.push(3);
             faces.push(own.face);
         }
-        // The used vertices are renumbered in their old order.
+        // Number the used vertices in their old order, without gaps.
         let mut places = vec![u32::MAX; count];
         corners.iter().for_each(|corner| places[corner.0 as usize] = 0);
         let kept: Vec<_> = (0..count as u32).filter(|&it| places[it as usize] == 0).collect();

@@ -1,4 +1,4 @@
-//! An exact predicate without ties: on which side of a triangle a point is.
+//! An exact predicate that decides on which side of a triangle a point is. It never answers that the point is in the plane of the triangle.
 
 use std::cmp::Ordering;
 
@@ -17,14 +17,14 @@ type Row = [i64; 3];
 /// A point on the grid that may move by an infinitesimal amount.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Site {
-    /// Coordinates, in cells.
+    /// Coordinates of the point, in cells of the grid.
     pub(super) at: Row,
     /// The direction of the point's infinitesimal motion; `None` if the point does not move.
     moves: Option<Row>,
 }
 
 impl Site {
-    /// Returns the point at the coordinate `x` along x, with the same infinitesimal motion.
+    /// Returns the point with its x coordinate replaced by `x`; the infinitesimal motion stays.
     pub(super) fn far(self, x: i64) -> Self {
         Self { at: [x, self.at[1], self.at[2]], ..self }
     }
@@ -83,7 +83,7 @@ impl Leading {
         self.factor == 0
     }
 
-    /// Returns the fraction of the way from the first to the second point at which the height is zero.
+    /// Interpolates between two heights: returns the fraction of the way from the first to the second at which the height is zero.
     pub(super) fn share(self, other: Self) -> f64 {
         match self.order.cmp(&other.order) {
             Ordering::Less => 1.0,
@@ -128,7 +128,7 @@ pub(super) fn first_of(edge: [&Site; 2], triangles: [[&Site; 3]; 2]) -> Ordering
     }
     let first = sums.iter().find(|sum| **sum != BigInt::ZERO);
     let order = first.map_or(Ordering::Equal, |sum| sum.cmp(&BigInt::ZERO));
-    // Both sides of the comparison were multiplied by both denominators, whose product may be negative.
+    // The comparison was multiplied by both denominators. If their product is negative, its result is reversed.
     if lows[0] == lows[1] { order } else { order.reverse() }
 }
 
@@ -159,7 +159,7 @@ fn terms(sites: [&Site; 4]) -> [[i128; 4]; 4] {
         }
     }
     add(0, base, None, &motion, &mut terms);
-    // All shifted points have the same symbolic shift (d, d^2, d^3), so products of two shifts cancel.
+    // All points are shifted by the same infinitesimal vector (d, d^2, d^3), so products of two shifts cancel.
     for axis in 0..3 {
         for row in 0..3 {
             let mut own = base;
@@ -216,7 +216,7 @@ mod tests {
             [([0.0, 0.0, 1.0], true), ([1.0, 0.0, -0.1], false), ([1.0, 0.0, 0.0], true)]
         {
             let site = grid().moving(&at, Vector3::from(along));
-            // If the motion is not upward, only the symbolic shift along z is left to decide.
+            // If the infinitesimal motion is not upward, only the symbolic shift along z is left to decide.
             assert_eq!(height([&a, &b, &c, &site]).is_above(), is_above, "{along:?}");
             assert_eq!(height([&b, &a, &c, &site]).is_above(), !is_above, "{along:?}");
             assert_eq!(height([&a, &b, &site, &c]).is_above(), !is_above, "{along:?}");

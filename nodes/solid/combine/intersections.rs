@@ -38,12 +38,12 @@ pub(super) struct Triangle {
 /// A point at which an edge of one solid intersects a triangle of the other.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Meeting {
-    /// The edge that is intersected, the lower vertex first.
+    /// The vertices of the intersected edge, in ascending order of their indices.
     pub(super) edge: [u32; 2],
     pub(super) triangle: u32,
-    /// True if the edge, followed from its lower vertex, enters the other solid at the point.
+    /// True if a walk along the edge from `edge[0]` to `edge[1]` enters the other solid at this point.
     pub(super) enters: bool,
-    /// Position on the edge: the fraction of the way from the lower vertex, 0 to 1.
+    /// Position on the edge, as a fraction of the edge's length from `edge[0]`: 0 to 1.
     pub(super) share: f64,
 }
 
@@ -65,10 +65,10 @@ pub(super) struct Meet {
     along: Vec<u32>,
 }
 
-/// Reasons why two meshes are not two solids.
+/// Reasons why the intersections of two meshes cannot be computed.
 #[derive(Debug, Error)]
 pub(super) enum IntersectionError {
-    /// Seen from the point, mesh 0 or 1 has no well-defined inside.
+    /// One of the meshes, 0 or 1, has no well-defined inside around the point.
     #[error("mesh {0} has no inside, seen from {1}")]
     Crossing(usize, Point3<f64>),
     #[error(transparent)]
@@ -207,7 +207,7 @@ impl<'a> Pair<'a> {
         fn heights(of: [&Site; 3], over: [&Site; 3]) -> [Leading; 3] {
             of.map(|site| height([over[0], over[1], over[2], site]))
         }
-        // If all heights are zero, the triangle is degenerate: the heights are then undefined and do not separate the triangles.
+        // If all heights are zero, one of the triangles is degenerate. Its heights are then undefined and do not separate the triangles.
         fn is_apart(heights: &[Leading; 3]) -> bool {
             heights.iter().all(|it| it.is_above() == heights[0].is_above())
                 && heights.iter().any(|it| !it.is_zero())
@@ -335,7 +335,8 @@ impl<'a> Pair<'a> {
             .collect())
     }
 
-    /// Returns the winding number of the other solid around a vertex: the exits minus the entries of a ray along x.
+    /// Returns the winding number of the other solid around a vertex: the number of exits minus the number of entries along a ray in the
+    /// direction of x.
     fn windings(&self, vertex: u32, tree: &BoxTree, first: usize) -> i32 {
         let from = self.sites[vertex as usize];
         let to = from.far(3 << 28);
@@ -360,7 +361,7 @@ fn place(site: &Site) -> Point3<f64> {
 }
 
 impl Meet {
-    /// Returns the intersection points of an edge, from its lower vertex on.
+    /// Returns the intersection points of an edge, ordered from its vertex with the lower index to the other one.
     pub(super) fn meetings_of_edge(&self, [a, b]: [u32; 2]) -> &[u32] {
         let edge = [a.min(b), a.max(b)];
         let first = self.meetings.partition_point(|it| it.edge < edge);

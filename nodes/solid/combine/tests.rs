@@ -25,7 +25,7 @@ fn cube(low: [f64; 3]) -> Mesh {
     cuboid(low, [10.0; 3])
 }
 
-/// Returns a sphere of triangles: an octahedron whose faces are each divided into the square of `steps` triangles.
+/// Returns a sphere of triangles: an octahedron each of whose faces is divided into `steps` x `steps` triangles.
 fn ball(middle: [f64; 3], radius: f64, steps: u32) -> Mesh {
     fn octant(
         signs: u32,
@@ -160,7 +160,7 @@ fn boxes_with_coplanar_walls() {
     check(&cube([0.; 3]), &cuboid([2., 2., 5.], [3., 3., 5.]), 45.);
     check(&cube([0.; 3]), &cuboid([2., 2., 10.], [3., 3., 5.]), 0.);
     check(&cube([0.; 3]), &cuboid([0., 0., 5.], [10., 10., 5.]), 500.);
-    // A diamond has one edge on the diagonal of a wall, and another edge that crosses edges.
+    // The diamond has one edge on the diagonal of a wall, and another edge that crosses edges of the box.
     let diamond = rotate(&cube([-5.; 3]), [0., 0., std::f64::consts::FRAC_PI_4]);
     check(&cube([-5.; 3]), &diamond, 10. * 200. * (2f64.sqrt() - 1.0) * 1.0);
 }

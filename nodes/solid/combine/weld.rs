@@ -4,10 +4,10 @@ use nalgebra::Vector3;
 
 use super::cut::{Cut, Piece};
 
-/// Used as the opposite of a half-edge next to which is a face that is not cut.
+/// Used as the opposite of a half-edge if the face on the other side is not cut.
 const NONE: u32 = u32::MAX;
 
-/// Maximum number of rounds of flips and collapses. A change may enable another one; a few rounds suffice.
+/// Maximum number of rounds of flips and collapses. A flip or collapse may make another one possible; a few rounds suffice.
 const ROUNDS: usize = 16;
 
 /// Removes the degenerate pieces that coplanar walls leave: pieces whose corners coincide or are collinear.
@@ -36,7 +36,7 @@ pub(super) fn weld(cut: &mut Cut<'_>) {
     apart.split_duplicate_edges();
 }
 
-/// Returns true if something must be removed: short edges, thin triangles, or more than two half-edges between the same vertices.
+/// Returns true if the mesh has short edges, thin triangles, or more than two half-edges between the same vertices.
 fn needs_welding(cut: &Cut<'_>) -> bool {
     let mut edges: Vec<_> = cut
         .pieces
@@ -90,13 +90,13 @@ impl<'a, 'b> Net<'a, 'b> {
             .collect()
     }
 
-    /// Returns the two vertices of a half-edge, the lower one first.
+    /// Returns the two vertices of a half-edge, in ascending order of their indices.
     fn sorted_ends(&self, half: u32) -> [u32; 2] {
         let [a, b] = [self.from(half), self.end(half)];
         [a.min(b), a.max(b)]
     }
 
-    /// Returns true if the half-edge runs from its lower to its higher vertex.
+    /// Returns true if the index of the half-edge's start is lower than that of its end.
     fn is_forward(&self, half: u32) -> bool {
         self.from(half) < self.end(half)
     }
@@ -209,7 +209,7 @@ impl<'a, 'b> Net<'a, 'b> {
             if turned == NONE || (turned / 3 != back / 3 && self.end(turned) == stays) {
                 return;
             }
-            // The third edge of a remaining triangle must not start and end at the same vertex.
+            // A remaining triangle must not get an edge that starts and ends at the same vertex.
             let is_inner = turned / 3 == back / 3;
             if !is_inner && self.end(next(turned)) == goes && self.end(turned) == stays {
                 return;

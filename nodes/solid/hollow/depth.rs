@@ -18,7 +18,7 @@ const NODES: Limit = Limit {
 /// Number of nodes along an edge of a block. A block is first tested as a whole.
 const BLOCK: usize = 8;
 
-/// Number of points that are measured between two checks for cancellation, in some milliseconds.
+/// Number of points that are measured between two checks for cancellation; measuring them takes some milliseconds.
 const CHUNK: usize = 4096;
 
 /// A grid around a solid, with the depth of each node below the solid's surface.
@@ -56,7 +56,7 @@ impl Depth {
         deepest: f64,
         progress: &Progress<'_>,
     ) -> Result<Self, CancelledError> {
-        // The grid is shifted: its nodes then do not coincide with vertices, whose coordinates are often round numbers.
+        // Shift the grid, so that its nodes do not coincide with vertices, whose coordinates are often round numbers.
         let low = low - Vector3::repeat(1.37 * spacing);
         let mut grid = Self { low, spacing, counts, depths: Vec::new() };
         let distances = grid.distances(tree, deepest + spacing, progress)?;

@@ -1,4 +1,4 @@
-//! Ensures that the walls around a cavity are nowhere thinner than requested.
+//! Ensures that the walls around a cavity are not thinner than requested.
 
 use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{CancelledError, Progress};
@@ -10,14 +10,14 @@ use crate::contour::Contour;
 /// Maximum number of rounds; further rounds do not improve walls that are made on a grid.
 const ROUNDS: usize = 8;
 
-/// Deficit of a wall's thickness that is allowed, as a fraction of the thickness.
+/// Allowed deficit of a wall's thickness, as a fraction of the thickness.
 const CLOSE: f64 = 1e-3;
 
-/// Maximum fraction of its grid edge along which a vertex may move, if other vertices may move to the same end of the edge; with a limit
-/// below 1, faces keep an area.
+/// Maximum fraction of its grid edge along which a vertex may move, if other vertices can move to the same end of the edge. With a limit
+/// below 1, the vertices never coincide, and their faces keep an area.
 const FARTHEST: f64 = 0.9;
 
-/// Number of points that are measured between two checks for cancellation, in some milliseconds.
+/// Number of points that are measured between two checks for cancellation; measuring them takes some milliseconds.
 const CHUNK: usize = 4096;
 
 /// Moves vertices of a cavity deeper where the wall between their faces and the surface is thinner than `thickness`. A vertex moves along
@@ -75,7 +75,7 @@ fn probes([a, b, c]: [Point3<f64>; 3]) -> [Point3<f64>; PROBES] {
     [a, b, c, center(&a, &b), center(&b, &c), center(&c, &a), middle]
 }
 
-/// Removes those connected surfaces of a contour that enclose less than `least` mm^3.
+/// Removes the connected surfaces of a contour that enclose less than `least` mm^3.
 pub(super) fn leave_out_bubbles(contour: &mut Contour, least: f64) {
     let mut skins = UnionFind::new(contour.points.len());
     for &[a, b, c] in &contour.triangles {

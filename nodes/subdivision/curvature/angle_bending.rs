@@ -3,13 +3,13 @@
 use maquette_value::Mesh;
 use nalgebra::{Point3, Vector3};
 
-/// Discrete curvatures of a vertex from the angles around it.
+/// The curvature of a triangle mesh at a vertex, computed from the angles around the vertex.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AngleBending {
     /// The Gaussian curvature: the angle defect divided by the area. The angle defect is the difference of the angle sum from 360 degrees,
     /// at a border from 180 degrees.
     pub gaussian: f64,
-    /// The mean curvature.
+    /// The mean curvature, in 1/mm.
     pub mean: f64,
     /// The area of the part of the surface that is nearest to the vertex.
     pub area: f64,

@@ -237,8 +237,8 @@ fn extract_neighborhood(
     (0..).zip(kept).for_each(|(number, kept)| *kept = Some(number));
     let own = vertices.iter().map(|&vertex| numbers[vertex as usize]).collect();
     let bare = Mesh::new(mesh.positions().to_vec(), mesh.faces().clone())?;
-    // Two parts may touch at a vertex, which is then split. The first copy keeps the index. The curvature at the split vertex is not used.
-    // vertex.
+    // Two parts may touch at a vertex, which is then split into copies. The first copy keeps the index. The curvature at such a vertex is
+    // not used.
     let part = manifold(&select_faces(&bare.with_creases(mesh.creases())?, &faces)?)?;
     Ok((part, own))
 }

@@ -45,7 +45,7 @@ impl Bending {
         Self::of_form(form, [first, second])
     }
 
-    /// Computes the curvature from the second fundamental form in a frame of orthonormal tangents.
+    /// Computes the curvature from the second fundamental form, given in a frame of two orthonormal tangents.
     fn of_form(form: Matrix2<f64>, [first, second]: [Vector3<f64>; 2]) -> Option<Self> {
         if !form.iter().all(|x| x.is_finite()) {
             return None;
@@ -54,7 +54,7 @@ impl Bending {
         let mean = (form.m11 + form.m22) / 2.0;
         let half = (form.m11 - form.m22) / 2.0;
         let spread = (half * half + across * across).sqrt();
-        // There are two formulas for the eigenvector of the first direction; the longer result is more accurate.
+        // The direction can be computed by two formulas. The longer of the two results is more accurate.
         let [x, y] = if half >= 0.0 { [half + spread, across] } else { [across, spread - half] };
         let along = first * x + second * y;
         let along = along.try_normalize(0.0).unwrap_or(first);

@@ -12,7 +12,7 @@ pub struct BentMesh {
     pub mesh: Mesh,
     /// The curvature at each vertex; `None` where it cannot be determined.
     pub bending: Vec<Option<Bending>>,
-    /// Marks the vertices where the limit surface has no curvature.
+    /// For each vertex, true if the limit surface has no curvature there.
     pub extraordinary: Vec<bool>,
 }
 

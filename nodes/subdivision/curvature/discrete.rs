@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::bending::Bending;
 
-/// The neighbors of each vertex of a mesh.
+/// For each vertex of a mesh, the vertices connected to it by an edge.
 pub(super) struct Neighbors(Lists);
 
 impl Neighbors {

@@ -11,7 +11,7 @@ use super::scan::Foot;
 /// The number of refinement steps of the mesh to which distances are measured. The vertices of this mesh are on the limit surface.
 pub(super) const LEVELS: u32 = 2;
 
-/// The nearest point of a surface.
+/// The nearest point of a surface to a given point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Nearest {
     pub(super) distance_sq: f64,

@@ -11,10 +11,10 @@ use super::folds::folds;
 use super::scan::Scan;
 use crate::limit::composed::{ComposedLimit, laplacian};
 
-/// A fitted control mesh.
+/// The control mesh of a surface that was fitted to points, and the quality of the fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedSubdivision {
-    /// The control mesh.
+    /// The fitted control mesh.
     pub mesh: Mesh,
     /// The distances of the points from the surface before each iteration and at the end, in mm.
     pub trace: Trace,

@@ -8,10 +8,10 @@ use crate::SubdivideError;
 /// An error of fitting a subdivision surface.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitSubdivisionError {
-    /// There are no points near the mesh.
+    /// None of the points is near the mesh.
     #[error("none of the {count} points is near the mesh; check the positions and units of both")]
     Apart {
-        /// The number of points.
+        /// The number of given points.
         count: usize,
     },
     /// `points` has no faces, but `moves: ByEnergy` needs them.

@@ -11,7 +11,7 @@ use super::surroundings::Surroundings;
 use crate::limit::composed::{ComposedLimit, laplacian};
 use crate::refine::manifold::manifold;
 
-/// The number of refinement steps of the surface whose distances are measured before and after a move.
+/// The number of refinement steps that make the surface whose distances are measured before and after a move.
 const LEVELS: u32 = 1;
 
 /// The part of a control mesh that a move (an edge operation) changes, together with its neighborhood.
@@ -28,7 +28,7 @@ pub(super) struct Local {
 
 /// The measured distances of a part of a control mesh.
 pub(super) struct Measure {
-    /// The sum of the squared distances from the surface to the scan and from the scan to the surface.
+    /// The sum of the squared distances in both directions: from the surface to the scan, and from the scan to the surface.
     pub(super) cost: f64,
     pub(super) folds: usize,
     /// For each point of the scan the nearest point of the surface.

@@ -203,7 +203,7 @@ impl<'a> EdgeOptimizer<'a> {
         let mut batch = Vec::new();
         for _ in 0..waiting.len().min(4 * BATCH) {
             let Some(edge) = waiting.pop_front().filter(|_| batch.len() < BATCH) else { break };
-            // There are no surroundings if an earlier move has removed the edge.
+            // The edge no longer exists if an earlier move has removed it.
             let Some(around) = self.surroundings(edge) else { continue };
             let all = around.measured.iter().chain(&around.margin);
             let meets = around.measured.iter().any(|&face| read[face as usize])

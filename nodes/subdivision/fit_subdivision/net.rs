@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3, center};
 
-/// Marks a removed face.
+/// The entry of a removed face in the list of faces.
 const REMOVED: [u32; 3] = [u32::MAX; 3];
 
 /// The cosine of 20 degrees. An edge may become sharp only if the angle between the normals of its faces is greater; a smaller angle looks
@@ -15,11 +15,11 @@ const SMOOTH_COSINE: f64 = 0.939_692_620_785_908_4;
 /// The kind of an edge operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Move {
-    /// Merges the two ends of the edge.
+    /// Merges the two ends of an edge.
     Collapse,
-    /// Inserts a vertex at the midpoint of the edge.
+    /// Inserts a vertex at the midpoint of an edge.
     Split,
-    /// Replaces the edge by the edge between the two vertices opposite to it.
+    /// Replaces an edge by the edge between the two vertices opposite to it.
     Swap,
     /// Makes a smooth edge sharp, or a sharp edge smooth.
     Tag,
@@ -96,7 +96,7 @@ impl Net {
         ))
     }
 
-    /// Returns some faces as a mesh. Also returns for each vertex of the mesh its index in the net.
+    /// Returns some faces of the net as a mesh. Also returns for each vertex of the mesh its index in the net.
     pub(super) fn part(
         &self,
         faces: impl Iterator<Item = [u32; 3]>,
@@ -130,14 +130,14 @@ impl Net {
         edges
     }
 
-    /// Returns the faces around some vertices, without duplicates.
+    /// Returns all faces around some vertices, without duplicates.
     pub(super) fn faces_around(&self, vertices: &[u32]) -> Vec<u32> {
         sort_and_dedup(
             vertices.iter().flat_map(|&vertex| self.around[vertex as usize].clone()).collect(),
         )
     }
 
-    /// Returns the vertices of some faces, without duplicates.
+    /// Returns all vertices of some faces, without duplicates.
     pub(super) fn corners_of(&self, faces: &[u32]) -> Vec<u32> {
         let corners = faces.iter().map(|&face| self.faces[face as usize]);
         sort_and_dedup(corners.filter(|corners| *corners != REMOVED).flatten().collect())
@@ -149,7 +149,7 @@ impl Net {
         all
     }
 
-    /// Returns the faces that share an edge.
+    /// Returns the faces that contain both ends of an edge.
     pub(super) fn faces_at_edge(&self, [a, b]: [u32; 2]) -> Vec<u32> {
         let around = self.around[a as usize].iter().copied();
         around.filter(|&face| self.faces[face as usize].contains(&b)).collect()
@@ -198,7 +198,7 @@ impl Net {
         })
     }
 
-    /// Makes an edge sharp.
+    /// Sets the sharpness of an edge.
     pub(super) fn sharpen(&mut self, edge: [u32; 2], sharpness: f64) {
         self.sharp.insert(sort_ends(edge), sharpness);
     }

@@ -3,7 +3,7 @@
 use maquette_value::{Mesh, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
-/// A scanned surface.
+/// A scanned surface, prepared for finding the points nearest to other points.
 pub(super) struct Scan<'a> {
     mesh: &'a Mesh,
     tree: TriangleTree,
@@ -58,7 +58,7 @@ impl<'a> Scan<'a> {
         feet.collect()
     }
 
-    /// Returns the distance of a surface from the scan: the sum of the vertices' squared distances, each multiplied by the weight of its
+    /// Returns the sum of the squared distances between the vertices of a surface and the scan, each multiplied by the weight of its
     /// vertex.
     pub(super) fn cost(&self, fine: &Mesh) -> f64 {
         self.feet(fine).iter().map(|foot| foot.weight * foot.distance_sq).sum()

@@ -46,7 +46,7 @@ fn farthest(mesh: &Mesh, control: &Mesh, scheme: Scheme) -> f64 {
     pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
 }
 
-/// The numbers of iterations that reduce the largest distance to three fixed fractions.
+/// Returns the numbers of iterations after which the largest distance is at most 1e-3, 1e-6 and 1e-10 of the initial one.
 fn counts(mesh: &Mesh, scheme: Scheme, solver: Solver) -> [u64; 3] {
     let trace = interpolate_mesh(mesh, scheme, &options(solver, 1e-13)).trace;
     let first = trace.steps()[0].max;

@@ -19,7 +19,7 @@ use crate::{Boundary, Creases, Scheme, SubdivideError};
 pub(crate) struct ComposedLimit {
     /// The limit points as weighted sums of the control points: about 15 entries per row.
     pub(crate) rows: Stencils,
-    /// The refined faces.
+    /// The faces of the refined mesh.
     faces: Faces,
 }
 

@@ -41,7 +41,7 @@ pub(crate) trait Walk: Sync {
     fn face(&self, half: u32) -> u32;
 }
 
-/// A mesh of quads.
+/// Finds next half-edges and faces in a mesh that has only quads.
 pub(crate) struct QuadMesh;
 
 impl Walk for QuadMesh {
@@ -56,7 +56,7 @@ impl Walk for QuadMesh {
     }
 }
 
-/// A mesh of triangles.
+/// Finds next half-edges and faces in a mesh that has only triangles.
 pub(crate) struct TriangleMesh;
 
 impl Walk for TriangleMesh {

@@ -86,7 +86,7 @@ impl Connectivity {
         }
     }
 
-    /// The number of edges whose owner comes before the half-edge at `corner`.
+    /// The number of edges whose owner is a half-edge before the one at `corner`.
     pub(crate) fn edges_before(&self, corner: usize) -> usize {
         self.halves.partition_point(|[owner, _]| (*owner as usize) < corner)
     }

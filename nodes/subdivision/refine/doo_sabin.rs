@@ -33,7 +33,7 @@ pub(crate) struct Dual {
     starts: Vec<u32>,
     /// The border edges that get new vertices, ascending.
     border: Vec<u32>,
-    /// The refined faces.
+    /// The faces after the step.
     pub(crate) finer: Faces,
     /// The old edges with a new face across them, ascending. `vertices` has the old vertices with a new face around them.
     edges: Vec<u32>,
@@ -81,7 +81,7 @@ impl Dual {
         Ok(DualFaces { mesh: &self.mesh, faces, edges: &self.edges, vertices }.connectivity())
     }
 
-    /// The treatment of the border.
+    /// The rule for the border of an open mesh.
     pub(crate) fn boundary(&self) -> Boundary {
         self.boundary
     }

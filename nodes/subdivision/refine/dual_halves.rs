@@ -59,7 +59,7 @@ impl DualFaces<'_> {
         let inner = mesh.corners().len();
         let around = inner + 4 * edges.len();
         let total = faces.corners().len();
-        // The index of the face across each old edge, needed only if some edges have none.
+        // The index of the new face across each old edge. The list is needed only if some old edges have no such face.
         let mut index = Vec::new();
         if edges.len() < mesh.halves.len() {
             index.resize(mesh.halves.len(), NONE);

@@ -1,4 +1,4 @@
-//! The connectivity of a manifold mesh.
+//! The connectivity of a manifold mesh, as half-edges.
 //!
 //! Notation: the *half-edge* `h` starts at corner `h` of a mesh and ends at the next corner of the same face. Its *twin* is the half-edge
 //! of the neighboring face that runs along the same edge in the opposite direction. The *owner* of an edge is the first of its half-edges.

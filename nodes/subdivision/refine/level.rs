@@ -34,7 +34,7 @@ use crate::scheme::PrimalScheme;
 /// The number of vertices per parallel task: enough to outweigh the cost of starting a task, about 10 us.
 pub(crate) const BLOCK: usize = 4096;
 
-/// The number of steps whose new vertices one task computes. Only one vertex in 64 is older than that.
+/// The number of refinement steps whose new vertices one task computes. Only one vertex in 64 is older than three steps.
 const STEPS_PER_TASK: usize = 3;
 
 /// One of the meshes in a sequence of refinement steps.
@@ -296,7 +296,7 @@ pub(crate) struct VertexInput<'a> {
 }
 
 impl VertexInput<'_> {
-    /// Loads data into the cache: the neighborhoods of the faces with these corners, and the new vertices inside these faces.
+    /// Loads into the cache the neighborhoods of the faces with these corners, and the new vertices inside these faces.
     fn fetch<A, B>(self, corners: Range<usize>, born: &[NewVertices<'_, A, B>]) {
         fetch(self.in_faces, corners.start / 4..corners.end / 4);
         fetch(self.corners, corners);

@@ -28,9 +28,9 @@ pub(crate) struct Primal {
     odd_rows: Vec<u32>,
     /// The matrix rows of the vertices in `odd_rows`. The columns are the old vertices, followed by the new vertices inside faces.
     stencils: Stencils,
-    /// The refined faces.
+    /// The faces after the step.
     pub(crate) finer: Faces,
-    /// A list that can be reused for the new vertices, if there is one.
+    /// A list left from an earlier call that can be reused for the new vertices, if there is one.
     left: Mutex<Option<Vec<Point3<f64>>>>,
 }
 
@@ -67,7 +67,7 @@ impl Primal {
         Self { level, odd_rows, stencils, finer, left: Mutex::new(None) }
     }
 
-    /// The refined mesh.
+    /// Returns the mesh after this step.
     pub(crate) fn next(&self) -> Level {
         Level::from_coarser(&self.level, &self.finer)
     }
@@ -97,7 +97,7 @@ impl Primal {
         left.unwrap_or_else(|| sparse_vec(self.n_finer()))
     }
 
-    /// Keeps a list for the next call of [`Self::allocate_vertices`]. That caller will probably write to the same memory pages.
+    /// Keeps a list for the next call of [`Self::allocate_vertices`], which will then probably write to memory pages that exist already.
     pub(crate) fn recycle_vertices(&self, list: Vec<Point3<f64>>) {
         *self.left.lock().unwrap_or_else(PoisonError::into_inner) = Some(list);
     }

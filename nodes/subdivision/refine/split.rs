@@ -195,7 +195,7 @@ impl Split for Corners {
     }
 }
 
-/// The refined faces.
+/// Returns the faces after a refinement step.
 pub(crate) fn split_faces(mesh: &Connectivity, split: impl Split) -> Faces {
     let (corners, sides) = split.faces(mesh);
     Faces::uniform(sides, corners).expect("as many corners as their faces have")
@@ -203,11 +203,11 @@ pub(crate) fn split_faces(mesh: &Connectivity, split: impl Split) -> Faces {
 
 /// A parallel task: the division of some consecutive old faces.
 struct SplitTask<'a, 'b> {
-    /// The first face, and the end of the range.
+    /// The index of the first old face of the task, and the end of the range.
     faces: [usize; 2],
     /// The index of the first edge that the old faces own.
     first_edge: u32,
-    /// The index of the first half-edge of the new faces. `first_new` is the index of the first edge that these faces own.
+    /// The index of the first half-edge of the new faces. `first_new` is the index of the first new edge that these faces own.
     first_half: u32,
     first_new: u32,
     /// The number of new edges that have been numbered so far.
@@ -259,7 +259,7 @@ pub(crate) fn split_halves(
     (Connectivity::from_parts(faces, split.vertices(mesh), edge_of, halves), children)
 }
 
-/// The indices at which a block of old faces starts.
+/// The beginning of a block of old faces: its first face, the first corner of that face, and the first edge that the block owns.
 #[derive(Clone, Copy)]
 struct Start {
     face: usize,

@@ -25,7 +25,7 @@ use crate::limit::finer_limit::FinerLimit;
 pub(crate) struct Step {
     /// The topology of the control mesh.
     root: Arc<Topology>,
-    /// The number of previous steps.
+    /// The number of steps between the control mesh and this step.
     depth: usize,
     rules: Kind,
 }
@@ -98,7 +98,7 @@ impl Step {
         }
     }
 
-    /// The refined faces.
+    /// The faces after the step.
     pub(crate) fn finer(&self) -> &Faces {
         match &self.rules {
             Kind::Primal(step) => &step.finer,
@@ -130,12 +130,12 @@ impl Step {
         }
     }
 
-    /// Refines a vertex attribute.
+    /// Returns a vertex attribute of the mesh after the step, given that of the mesh before the step.
     pub(crate) fn vertex_attribute(&self, old: &Attribute) -> Attribute {
         OnVertices(self).attribute(old)
     }
 
-    /// Refines a corner attribute.
+    /// Returns a corner attribute of the mesh after the step, given that of the mesh before the step.
     pub(crate) fn corner_attribute(&self, old: &Attribute) -> Attribute {
         OnCorners(self).attribute(old)
     }

@@ -24,11 +24,11 @@ const MIN_COSINE: f64 = 0.25881904510252074;
 /// A face with less area than this fraction of the squared diagonal of the mesh counts as degenerate.
 const MIN_AREA: f64 = 1e-20;
 
-/// A possible edge collapse.
+/// An edge that may be collapsed, with the cost of the collapse and the position of the merged vertex.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Collapse {
     cost: f64,
-    /// The squared length of the edge.
+    /// The squared length of the edge that is collapsed.
     length_sq: f64,
     /// The vertex that is kept and the vertex that is removed, in this order.
     pub(super) ends: [u32; 2],
@@ -148,7 +148,7 @@ impl Net {
         }
     }
 
-    /// Returns the edges at which the faces on both sides have different wedges.
+    /// Returns the edges at which the two adjacent faces have different wedges.
     fn seams(&self) -> Vec<[u32; 2]> {
         let Some(wedges) = &self.wedges else { return Vec::new() };
         let mut sides = Vec::with_capacity(3 * self.triangles.len());
@@ -168,7 +168,7 @@ impl Net {
         seams.map(|edge| edge[0].0).collect()
     }
 
-    /// Returns the sides of an edge, and for each end true if a wedge at this end belongs to neither side.
+    /// Returns the sides of an edge. Also returns, for each end, true if it has a wedge that belongs to neither side.
     fn edge_sides(&self, [a, b]: [u32; 2]) -> (Vec<Side>, [bool; 2]) {
         let Some(wedges) = &self.wedges else { return Default::default() };
         let mut sides = Vec::new();
@@ -208,7 +208,7 @@ impl Net {
         }
     }
 
-    /// Returns the normal of a triangle. Its length is twice the triangle's area.
+    /// Returns the area vector of a triangle: it is normal to the triangle, and its length is twice the triangle's area.
     fn area(&self, triangle: [u32; 3]) -> Vector3<f64> {
         let [a, b, c] = triangle.map(|vertex| self.positions[vertex as usize]);
         (b - a).cross(&(c - a))
@@ -299,7 +299,7 @@ impl Net {
         if !common.eq(apexes.iter().copied()) || shared.len() > 2 {
             return false;
         }
-        // A crease of three edges around a face would collapse to two coincident edges.
+        // If both other sides of a triangle at the edge are sharp, the collapse would merge two sharp edges.
         !apexes.iter().any(|v| self.is_sharp([a, *v]) && self.is_sharp([b, *v]))
             && self.keeps_sides(collapse, a, b)
             && self.keeps_sides(collapse, b, a)
@@ -443,7 +443,7 @@ impl AttributeTransfer for MergedAttributes<'_> {
         let mut mixed = old.to_vec();
         for &([a, b], share) in self.merges {
             let [stays, goes] = [a, b].map(|end| mixed[end as usize]);
-            // A mean of integer indices is not possible: the index of the first part is taken. So put the nearer vertex first.
+            // Integer indices have no mean: the index of the first part is taken. Therefore the nearer vertex comes first.
             let mut parts = [(1.0 - share, stays), (share, goes)];
             if share > 0.5 {
                 parts.reverse();

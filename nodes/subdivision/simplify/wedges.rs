@@ -28,7 +28,7 @@ pub(super) type Parts = [(f64, u32); 3];
 
 /// A wedge whose attributes are a weighted mean of other wedges.
 struct MixedWedge {
-    /// The number of the merge. Wedges with the same number were merged simultaneously.
+    /// The number of the merge operation. Wedges with equal numbers were merged simultaneously.
     time: u32,
     wedge: u32,
     parts: Parts,
@@ -170,8 +170,8 @@ impl AttributeTransfer for Wedges {
         let mut mixed = old.to_vec();
         for together in self.mixes.chunk_by(|a, b| a.time == b.time) {
             let new = together.iter().map(|MixedWedge { wedge, parts, .. }| {
-                // A mean of integer indices is not possible: the index of the first part is taken. So put the nearest corner first. Corners
-                // of weight 0 are removed, because they must not set a flag.
+                // Integer indices have no mean: the index of the first part is taken. Therefore the nearest corner comes first. Corners of
+                // weight 0 are removed, because they must not set a flag.
                 let mut parts: Vec<_> = parts.iter().filter(|(share, _)| *share > 0.0).collect();
                 parts.sort_by(|a, b| b.0.total_cmp(&a.0));
                 let parts = parts.into_iter().map(|&(share, part)| (share, mixed[part as usize]));
@@ -190,7 +190,7 @@ fn carried_attributes(mesh: &Mesh) -> impl Iterator<Item = (&str, &Attribute)> {
     mesh.corner().iter().filter(|(name, _)| *name != "normal")
 }
 
-/// Returns true if two entries of an attribute are equal.
+/// Returns true if the two entries of the attribute with these indices are equal.
 fn is_same(attribute: &Attribute, indices: [u32; 2]) -> bool {
     let [a, b] = indices.map(|index| index as usize);
     match attribute {

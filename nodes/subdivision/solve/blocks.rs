@@ -95,7 +95,7 @@ fn levels(limit: &LimitPositions) -> (Vec<u32>, bool) {
     ((0..count as u32).map(|vertex| levels[leader(&mut leaders, vertex) as usize]).collect(), true)
 }
 
-/// Returns the lowest vertex among those that are solved together with `vertex`.
+/// Returns the lowest vertex index among those that are solved together with `vertex`.
 fn leader(leaders: &mut [u32], vertex: u32) -> u32 {
     let mut at = vertex;
     while leaders[at as usize] != at {

@@ -73,7 +73,7 @@ const MAX_ITERATIONS_WITHOUT_GAIN: u32 = 10;
 /// any closed mesh the known bound is 9/10.
 const HALVING_ITERATIONS: u32 = 8;
 
-/// Points whose distance is more than this fraction of the largest distance are considered to block the convergence.
+/// Points whose distance is more than this fraction of the largest distance switch to the limits of their own control points.
 const WORST_FRACTION: f64 = 0.25;
 
 /// Options of a search for foot points.

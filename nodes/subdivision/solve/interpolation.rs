@@ -113,7 +113,7 @@ impl Interpolation {
     /// Checks that the solver supports the foot and the direction.
     ///
     /// # Errors
-    /// If it does not.
+    /// If the solver does not support the foot or the direction.
     pub(crate) fn check(&self) -> Result<(), NonlinearError> {
         match self.solver {
             Solver::Pcg | Solver::Direct if !self.is_linear() => {
@@ -130,6 +130,6 @@ impl Interpolation {
     "solver {solver:?} solves only linear equations, which need `foot: Vertex` and `direction: Residual`; use `solver: Plain` instead"
 )]
 pub struct NonlinearError {
-    /// The solver.
+    /// The solver that was chosen.
     pub solver: Solver,
 }

@@ -199,8 +199,8 @@ impl<'a> Block<'a> {
         Self { right: right.collect(), rows: Cow::Owned(rows), unknown }
     }
 
-    /// Iterates until `record` accepts the block's distances. Each iteration records these together with the distances `others`. Returns
-    /// true if the iteration ended because the residual is outside of the range of the matrix, and the distances.
+    /// Iterates until `record` accepts the block's distances. Each iteration records them together with the distances `others` of the other
+    /// blocks. Returns true if the iteration ended because the residual is outside of the range of the matrix, and the distances.
     fn iterate(
         &mut self,
         scale: &[f64],

@@ -53,7 +53,7 @@ impl Record {
         self.is_within_tolerance([max, rms])
     }
 
-    /// Replaces the distances of the last entry. Returns true if the new ones are within the tolerance.
+    /// Replaces the distances of the last entry. Returns true if the new distances are within the tolerance.
     pub(crate) fn replace_last(&mut self, distances: [f64; 2]) -> bool {
         self.steps.pop();
         self.record(distances)

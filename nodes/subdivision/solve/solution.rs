@@ -46,13 +46,13 @@ pub enum DivergenceError {
         /// The largest distance after this iteration, in mm.
         missed: f64,
     },
-    /// The curve or surface leaves the neighborhood of the points.
+    /// The curve or surface is farther from the points than the size of their bounding box.
     #[error(
         "the iteration diverged: after {iteration} iterations the result is {distance:.3e} mm away from the points, whose bounding box has a \
          diagonal of {diagonal:.3e} mm; increase `iterations`, or use `foot: Vertex` with `direction: Residual`"
     )]
     Strayed {
-        /// The iteration after which the distance was smallest.
+        /// The number of iterations after which the distance was measured.
         iteration: u32,
         /// The largest distance between the curve or surface and the bounding box after this iteration, in mm.
         distance: f64,

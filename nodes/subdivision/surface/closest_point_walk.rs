@@ -185,7 +185,8 @@ impl<F: Fn(u32) -> bool> Sides<'_, F> {
         }
     }
 
-    /// Returns the half-edge through which a step enters an allowed face; never the face from which the walk came through `came`.
+    /// Returns the half-edge of an allowed neighboring face through which a step enters that face; `None` if there is none. A step never
+    /// leads back through `came`.
     fn entrance(&self, spot: FacePosition, came: u32, step: [f64; 2]) -> Option<u32> {
         self.exit_sides(spot.at, step)
             .map(|side| self.count * spot.part + side)

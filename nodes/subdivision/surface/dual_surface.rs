@@ -18,14 +18,14 @@ use crate::refine::connectivity::Connectivity;
 use crate::refine::doo_sabin::FaceVertices;
 use crate::refine::half_edges::{HalfEdges, NONE};
 
-/// The maximum number of refinement steps: after this many halvings floating-point coordinates at a corner cannot be resolved further.
+/// The maximum number of refinement steps. After so many halvings, floating-point numbers cannot distinguish positions near a corner.
 const MAX_DEPTH: usize = 40;
 
 /// The neighborhood of a vertex with four faces: the corners of the faces, counter-clockwise from the vertex on, face by face. The center
 /// of face `k` is corner `k` of the part.
 struct Net {
     points: Vec<Vector3<f64>>,
-    /// The end of each face in `points`.
+    /// For each face, the index in `points` after its last corner.
     ends: [usize; 4],
 }
 
@@ -34,7 +34,7 @@ type Quads = [[Vector3<f64>; 3]; 3];
 
 /// A part of the surface, with a cache of the refined neighborhoods for the evaluated positions.
 pub(crate) struct DualPart {
-    /// The neighborhood after each step, together with the corner of the previous part at which it lies.
+    /// The neighborhood after each refinement step, together with the corner of the previous part at which the new part is.
     steps: Vec<(usize, Net)>,
 }
 
@@ -94,7 +94,7 @@ fn collect_net(mesh: &Connectivity, refined: &[Vector3<f64>], half: u32) -> Net 
 }
 
 impl Net {
-    /// Creates the neighborhood of a vertex with four faces, of which at least two are quads.
+    /// Creates the neighborhood of a vertex with four faces, at least two of which are quads.
     fn new(
         lower: impl Iterator<Item = Vector3<f64>>,
         right: [Vector3<f64>; 4],

@@ -21,8 +21,8 @@ use crate::scheme::PrimalScheme;
 use crate::solve::geometric::{FootPoint, Perpendicular};
 use crate::{LimitPoint, LimitSurface, Scheme, SubdivideError, Subdivision};
 
-/// Uses the limit point of each control point as the foot point of its vertex. The normal at a foot point is computed only if `facing` is
-/// given and the vertex is not marked in `own`.
+/// Returns the foot points if the foot point of each vertex is the limit point of its own control point. The normal at a foot point is
+/// computed only if `facing` is given and the vertex is not marked in `own`.
 pub(crate) fn vertex_feet(
     positions: &Stencils,
     facing: Option<&Limit>,
@@ -58,7 +58,7 @@ fn perpendicular_along(normal: Vector3<f64>) -> Perpendicular {
 pub(crate) struct ClosestFeet<'a> {
     points: &'a [Point3<f64>],
     faces: &'a Faces,
-    /// The limit masks of the control points, which give their limit points.
+    /// The limit masks: row `i` gives the limit point of control point `i`.
     own: &'a Stencils,
     surface: Shape,
     /// The foot points of the previous iteration; at first each vertex has one start in each of its faces. Empty for a vertex whose foot

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 /// A point of a limit surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LimitPoint {
-    /// The position.
+    /// The position of the point.
     pub point: Point3<f64>,
     /// The derivatives with respect to `u` and `v`. At an irregular corner these do not exist, and `first` has two tangents with the same
     /// orientation.

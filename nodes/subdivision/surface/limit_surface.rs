@@ -1,11 +1,12 @@
 //! Evaluation of the limit surface of a primal scheme at any parameter, not only at vertices.
 //!
-//! The neighborhood of a face is refined until the position is in a part whose corners are all regular. Over such a part the surface is a
-//! B-spline or box spline patch. Each step halves the size of the part around an irregular corner, so few steps are enough; exactly at the
-//! corner the limit masks are used. Away from borders and creases the refined neighborhoods are small fixed-size arrays
-//! (`smooth_triangle.rs`, `smooth_quad.rs`), near borders and creases they are small meshes (`piece.rs`). The result equals that of Stam's
-//! eigenvector method ("Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter values", 1998), but needs no tables
-//! and also supports creases.
+//! The surface is stored as *parts*: each is the surface over one face of the mesh that one or two refinement steps make of the control
+//! mesh. To evaluate a position, the neighborhood of its part is refined further, until the position is in a smaller part whose corners are
+//! all regular. Over such a part the surface is a B-spline or box spline patch. Each step halves the size of the part around an irregular
+//! corner, so few steps are enough; exactly at the corner the limit masks are used. Away from borders and creases the refined neighborhoods
+//! are small fixed-size arrays (`smooth_triangle.rs`, `smooth_quad.rs`), near borders and creases they are small meshes (`piece.rs`). The
+//! result equals that of Stam's eigenvector method ("Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter values",
+//! 1998), but needs no tables and also supports creases.
 
 use std::sync::Arc;
 
@@ -26,14 +27,14 @@ use crate::rules::Rules;
 use crate::scheme::PrimalScheme;
 use crate::{SubdivideError, Subdivision};
 
-/// The maximum number of refinement steps: after this many halvings floating-point coordinates at a corner cannot be resolved further.
+/// The maximum number of refinement steps. After so many halvings, floating-point numbers cannot distinguish positions near a corner.
 const MAX_DEPTH: usize = 40;
 
 /// The limit surface of Loop's or the Catmull-Clark scheme.
 #[derive(Clone)]
 pub struct LimitSurface {
     frame: Arc<SurfaceFrame>,
-    /// The vertices of the mesh whose faces are the parts.
+    /// The vertices of the mesh whose faces are the parts of the surface.
     points: Vec<Point3<f64>>,
 }
 
@@ -42,11 +43,12 @@ struct SurfaceFrame {
     rules: Rules<PrimalScheme>,
     /// The faces of the control mesh.
     faces: Faces,
-    /// The steps that make the parts: one, or two if the mesh has polygons that must first be divided into quads.
+    /// The refinement steps from the control mesh to the mesh whose faces are the parts: one, or two if polygons must first be divided into
+    /// quads.
     steps: Vec<Primal>,
     /// The mesh whose faces are the parts. Each part has at most one irregular corner.
     mesh: Level,
-    /// The number of neighbors of each vertex in `mesh`; 0 at borders and creases, and if the number does not fit.
+    /// The number of neighbors of each vertex in `mesh`, or 255 if there are more; 0 for a vertex on a border or crease.
     smooth: Vec<u8>,
 }
 
@@ -103,17 +105,17 @@ impl LimitSurface {
         self.evaluate_part(part as u32, position)
     }
 
-    /// The number of steps that make the parts.
+    /// The number of refinement steps from the control mesh to the mesh whose faces are the parts.
     pub(crate) fn n_steps(&self) -> usize {
         self.frame.steps.len()
     }
 
-    /// The mesh of the parts.
+    /// The mesh whose faces are the parts of the surface.
     pub(crate) fn parts(&self) -> &Connectivity {
         &self.frame.mesh.mesh
     }
 
-    /// Returns the face of the control mesh that contains a part.
+    /// Returns the index of the control mesh's face from which the refinement made the part with the index `part`.
     pub(crate) fn face_of(&self, part: u32) -> u32 {
         let control = &self.frame.steps[0].level.mesh;
         match self.frame.rules.scheme {
@@ -126,13 +128,13 @@ impl LimitSurface {
         self.frame.rules.scheme
     }
 
-    /// Evaluates a part at a position. Derivatives are with respect to the coordinates that the position had before it was converted to the
-    /// part.
+    /// Evaluates the part with the index `part` at a position. The derivatives are with respect to the coordinates that the position had
+    /// before it was converted to coordinates of the part.
     pub(crate) fn evaluate_part(&self, part: u32, position: FacePoint) -> LimitPoint {
         self.part(part).evaluate(position)
     }
 
-    /// Returns a part for evaluation at several positions.
+    /// Returns the part with the index `part`, for evaluation at several positions.
     pub(crate) fn part(&self, part: u32) -> LimitPart<'_> {
         LimitPart { surface: self, part, smooth: self.smooth(part) }
     }
@@ -219,8 +221,8 @@ enum Smooth {
 }
 
 impl LimitPart<'_> {
-    /// Evaluates the part at a position. Derivatives are with respect to the coordinates that the position had before it
-    /// was converted to the part.
+    /// Evaluates the part at a position. The derivatives are with respect to the coordinates that the position had before it was converted
+    /// to coordinates of the part.
     pub(crate) fn evaluate(&mut self, position: FacePoint) -> LimitPoint {
         let [u, v] = position.at;
         let jet = match &mut self.smooth {
@@ -244,7 +246,7 @@ impl SurfaceFrame {
     }
 }
 
-/// Returns the number of neighbors of each vertex that has no sharp edges; 0 for other vertices, and if the number does not fit.
+/// Returns the number of neighbors of each vertex, or 255 if there are more; 0 for a vertex with a sharp edge, such as a border edge.
 fn smooth_valences(level: &Level) -> Vec<u8> {
     let mut valences = vec![0u8; level.mesh.vertices];
     for &corner in level.mesh.corners() {

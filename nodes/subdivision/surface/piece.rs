@@ -78,7 +78,7 @@ impl Piece {
         Self { mesh, creases: creases_here, points, face }
     }
 
-    /// Refines the piece by one step: returns the piece around a part of the old face.
+    /// Refines the piece by one step. Returns the neighborhood of the refined face with the index `part`.
     pub(crate) fn refine(self, rules: Rules<PrimalScheme>, part: usize) -> Self {
         let level = Level::piece(rules, self.mesh, self.creases);
         let first = level.mesh.faces.first_corner(self.face as usize);
@@ -287,7 +287,7 @@ impl Piece {
         fn apply_row(row: usize, rows: &Stencils, points: &[Point3<f64>]) -> Vector3<f64> {
             rows.point(row.min(rows.len() - 1), |column| points[column as usize]).coords
         }
-        // Each side begins at a sharp edge; edges before the first sharp edge belong to the last side.
+        // Each side of the vertex begins at a sharp edge; edges before the first sharp edge belong to the last side.
         let sides = (rows.len() - 1) / 2;
         let before = edges.before[..=index].iter().filter(|&&s| s > 0.0).count();
         let side = (before + sides).saturating_sub(1) % sides.max(1);

@@ -17,7 +17,7 @@ use crate::masks::vertex_rings::Masks;
 use crate::refine::connectivity::Connectivity;
 use crate::refine::half_edges::HalfEdges;
 
-/// The maximum number of refinement steps: after this many halvings floating-point coordinates at a corner cannot be resolved further.
+/// The maximum number of refinement steps. After so many halvings, floating-point numbers cannot distinguish positions near a corner.
 const MAX_DEPTH: usize = 40;
 
 /// A quad with its neighborhood, and a cache of the refined neighborhoods.

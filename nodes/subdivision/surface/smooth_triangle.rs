@@ -24,7 +24,7 @@ use crate::refine::half_edges::HalfEdges;
 /// The maximum number of neighbors of the first corner.
 pub(crate) const MAX_VALENCE: usize = 16;
 
-/// The maximum number of refinement steps: after this many halvings floating-point coordinates at a corner cannot be resolved further.
+/// The maximum number of refinement steps. After so many halvings, floating-point numbers cannot distinguish positions near a corner.
 const MAX_DEPTH: usize = 40;
 
 /// A triangle with its neighborhood, and a cache of the refined neighborhoods.
@@ -111,7 +111,7 @@ impl SmoothTriangle {
         None
     }
 
-    /// Returns the patch over a new triangle of a step; for `None` the patch over the original triangle.
+    /// Returns the patch over the new triangle `over`; if it is `None`, the patch over the original triangle.
     fn patch(&mut self, over: Option<Place>) -> Option<&Quartic> {
         if self.last.as_ref().is_none_or(|(last, _)| *last != over) {
             let patch = match over {

@@ -164,7 +164,8 @@ fn path_inside(path: &Path, folder: &Path) -> Option<PathBuf> {
         return None;
     }
     let whole = without_dots(&folder.join(path));
-    // The second pair has all symbolic links resolved. In a pattern such as `scans/*.obj` only the folders before the first star exist.
+    // The path is compared with the folder in two forms: as given, and with all symbolic links resolved. In a pattern such as `scans/*.obj`
+    // only the folders before the first star exist.
     let real = folder_of_new(&whole).join(whole.file_name()?);
     let ways = [(&whole, folder.to_owned()), (&real, std::fs::canonicalize(folder).ok()?)];
     let inner = ways.iter().find_map(|(path, folder)| path.strip_prefix(folder).ok())?;

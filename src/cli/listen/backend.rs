@@ -29,7 +29,7 @@ pub(crate) enum Event {
 /// Receives events on any thread.
 pub(crate) type Sink = Arc<dyn Fn(Event) + Send + Sync>;
 
-/// A source of events.
+/// A source of events about watched files.
 pub(crate) trait Backend {
     /// Replaces the list of watched paths. Returns the newly watched folders, because changes in them before this call were not
     /// reported.

@@ -11,7 +11,7 @@ use maquette_value::{Image, Value as _};
 
 use super::scans::{KINDS, Scan, in_words};
 
-/// The scans that the first node that reads scans in a recipe requires.
+/// The scans that a recipe requires. Its first node that reads scans determines them.
 #[derive(Clone)]
 pub(super) struct ScanRequirements {
     /// The name of the node that reads the scans: `scan`.
@@ -22,7 +22,7 @@ pub(super) struct ScanRequirements {
     scan: (String, String),
     /// The name of the field for the picture, if the node has one.
     picture: Option<String>,
-    /// Whether the node has a field `unit` and a field `axes`, in this order.
+    /// Two flags: true if the node has a field `unit`, and true if it has a field `axes`.
     has_unit_and_axes: [bool; 2],
 }
 

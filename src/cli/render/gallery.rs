@@ -226,7 +226,7 @@ impl Gallery {
 /// The text with which every page begins.
 const MARK: &str = "# Graphs to start from\n\nThis page is made by `maquette render gallery";
 
-/// The text with which pages of former versions begin, whose command was `maquette gallery`.
+/// The text with which the pages of older versions begin. Their command was `maquette gallery`.
 const FORMER_MARK: &str = "# Graphs to start from\n\nThis page is made by `maquette gallery";
 
 /// Returns true if a gallery wrote the page with this text.

@@ -1,4 +1,4 @@
-//! The requests of a host.
+//! The requests of a host, a program that runs `maquette serve`.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;

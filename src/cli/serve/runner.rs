@@ -22,7 +22,7 @@ use super::{Answer, lock};
 use crate::events::{Events, Listener};
 use crate::{has_errors, put_problems};
 
-/// A task for the evaluating thread.
+/// A job for the evaluating thread.
 pub(super) enum Job {
     Run(Run, CancelToken),
     Input(Input),

@@ -86,7 +86,7 @@ impl Batch<'_> {
         LoadedTask { graph, diagnostics: checked.diagnostics, identity: made_of }
     }
 
-    /// Returns whether a task is up to date or must be run.
+    /// Determines if a task is up to date or must be run.
     pub(crate) fn status(&self, session: &Session, task: &Task) -> TaskStatus {
         let Some(mut record) = Record::read(self.out, &task.name) else {
             let reason = "it has not been run".to_owned();

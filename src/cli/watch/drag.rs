@@ -51,7 +51,7 @@ impl Drag {
         self.state.is_some()
     }
 
-    /// Takes the values to evaluate.
+    /// Returns the newest values if they have not been evaluated yet, and marks them as evaluated.
     pub(super) fn take(&mut self) -> Option<Values> {
         let hand = self.state.as_mut().filter(|hand| hand.is_due)?;
         hand.is_due = false;

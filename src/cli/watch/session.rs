@@ -53,7 +53,7 @@ pub(super) struct Session<'a> {
     series: Series,
     /// The folder in which the watch was started.
     start_folder: PathBuf,
-    /// True if the graph has errors and the end of that run has not been reported yet.
+    /// True if the graph has errors and the end of the run with these errors has not been reported yet.
     has_unreported_errors: bool,
     /// The time at which the user's command is started, unless a newer change arrives.
     command_time: Option<Instant>,
@@ -212,7 +212,8 @@ impl<'a> Session<'a> {
                 other => others.push(other),
             }
         }
-        // File events are handled first. Otherwise a run whose files have changed could be taken for the last one.
+        // File events are handled before other messages. Otherwise a run whose input files have already changed could be treated as the
+        // final one.
         self.handle_events(&events);
         others.into_iter().for_each(|message| self.handle_message(message));
     }
@@ -276,7 +277,7 @@ impl<'a> Session<'a> {
             self.subgraphs = subgraphs;
             self.has_outside_files = reads_outside(&diagnostics);
         } else {
-            // A new used graph may be incomplete, so its next save must be noticed.
+            // A used graph that is new may still be incomplete. It is added to the watched files, so that its next save is noticed.
             let new = subgraphs.into_iter().filter(|path| !self.subgraphs.contains(path));
             let new = Vec::from_iter(new);
             self.subgraphs.extend(new);
@@ -304,7 +305,7 @@ impl<'a> Session<'a> {
         if let Check::Bad { diagnostics, shown: shown @ false } = &mut self.check {
             *shown = true;
             self.view.show_check(self.runs + 1, diagnostics);
-            // A run is requested, so the errors disappear even if the user undoes the change.
+            // Requests a run, so that the errors disappear from the display even if the user merely undoes the change.
             self.requested.get_or_insert_default();
         }
     }
@@ -395,7 +396,7 @@ impl<'a> Session<'a> {
         self.worker.start(Job { run, graph, diagnostics, cancel, recompute, purpose, views });
     }
 
-    /// Returns true if live pages already show a graph with the same topology, which includes the number of elements.
+    /// Returns true if live pages already show a graph with the same topology, including the number of elements of each loop.
     fn is_shown(&self, graph: &Graph) -> bool {
         self.shown_graph == Some(graph.topology().identity)
     }
@@ -416,7 +417,8 @@ impl<'a> Session<'a> {
     fn finish_run(&mut self, report: Report) {
         let is_abandoned = self.running.take().is_some_and(|running| running.is_abandoned());
         if report.cancelled || is_abandoned {
-            // If a drag has ended, the values of the graph file are shown by another evaluation.
+            // The values of live pages must be evaluated again, except after a drag that has ended: then another evaluation shows the
+            // values of the graph file.
             if report.purpose != Purpose::Drag || self.drag.is_active() {
                 self.has_due_views = !self.views.is_empty();
             }
@@ -440,7 +442,7 @@ impl<'a> Session<'a> {
             }
         }
         let failed = has_errors(&report.diagnostics);
-        // A folder that is writable is not checked again, because the error had another cause.
+        // If the folder is writable, the write failed for another reason, so the folder is not checked again.
         let folder = report.unwritten.clone().filter(|folder| !is_writable(folder));
         self.failed_folder = folder.map(|folder| (folder, Instant::now() + RETRY_INTERVAL));
         self.view.show_end(&report);

@@ -224,7 +224,8 @@ pub(super) struct LineView {
 }
 
 impl LineView {
-    /// Splits the diagnostics of a run. Returns those that are not warnings of the last run, too, and the number of repeated warnings.
+    /// Separates repeated warnings from the other diagnostics of a run. Returns the diagnostics without the warnings that the previous run
+    /// also had, and the number of these repeated warnings.
     fn split_known_warnings(&mut self, diagnostics: Vec<Diagnostic>) -> (Vec<Diagnostic>, usize) {
         let warnings =
             diagnostics.iter().filter(|diagnostic| diagnostic.severity == Severity::Warning);

@@ -96,7 +96,7 @@ pub(super) struct OutputOptions {
     pub(super) inputs: InputOptions,
 }
 
-/// Creates an observer for an evaluation; the token is the one that cancels the evaluation.
+/// A function that creates an observer for an evaluation. Its argument is the token that cancels the evaluation.
 pub(super) type ObserverFactory = Box<dyn Fn(&CancelToken) -> Box<dyn Observer> + Send>;
 
 /// The time before which outputs must not be written; `None` if they may be written.
@@ -186,7 +186,7 @@ impl Worker {
     }
 }
 
-/// Removes the recycled files of this process. The thread cannot do that, because the end of the process ends it.
+/// Removes the recycled files of this process. The worker thread cannot remove them, because it ends together with the process.
 impl Drop for Worker {
     fn drop(&mut self) {
         self.output_options.folder.drop_recycled_files();
@@ -272,13 +272,13 @@ fn evaluate(
     }
     match (job.purpose, &viewed_run) {
         _ if cancelled => {}
-        // While the user types the name of a node type, results that depend on that node are missing but will be needed again. So the
-        // memory does not shrink.
+        // While the user types the name of a node type, the graph has errors, and results that depend on that node are not computed. They
+        // will be needed again, so the memory does not shrink.
         (Purpose::Outputs, _) if has_errors(&job.diagnostics) => {
             *kept_bytes = memory_to_keep(&trace, session).max(*kept_bytes);
         }
         (Purpose::Outputs, _) => *kept_bytes = memory_to_keep(&trace, session),
-        // A drag creates many results in addition to those of the outputs. So the memory may grow but does not shrink.
+        // A drag creates many results in addition to the results that the outputs need. So the memory may grow but does not shrink.
         (Purpose::Drag, Some(viewed_run)) => {
             *kept_bytes = memory_to_keep(&viewed_run.trace(), session).max(*kept_bytes);
             diagnostics.extend(viewed_run.diagnostics());
@@ -465,7 +465,8 @@ mod tests {
         std::fs::write(&path, text).unwrap();
         let graph = Arc::new(Graph::load(&path, &catalog, &Options::default()).graph.unwrap());
         let viewed = ViewedOutput { node: "mask".into(), output: "mask".into() };
-        // For both events, returns the number of values for live pages (`None` for the report), and whether the output file exists.
+        // Runs a job. For each of its two events, returns the number of values for live pages (`None` for the report), and whether the
+        // output file exists at that time.
         let told = |only: Vec<String>| {
             let session = Session::with_catalog(catalog.clone(), &Settings::in_memory()).unwrap();
             let outputs = OutputFolder::new(Some(&folder.path().join("out")), &path);

@@ -32,7 +32,7 @@ pub(super) struct Merger<'r> {
     pub(super) renamed_twice: &'r [RenamedTwice],
     /// The entries, such as `nodes.red`, that become conflicts even if they could be merged.
     pub(super) kept_separate: &'r BTreeSet<String>,
-    /// The comments of the base text.
+    /// The comments of the base text. Other comments are new.
     pub(super) known: BTreeSet<&'r str>,
     /// The paths of the conflicts, such as `nodes.red.select.distance`.
     pub(super) conflicts: Vec<String>,
@@ -49,7 +49,7 @@ struct Location<'p> {
 }
 
 impl Location<'_> {
-    /// Returns true for the graph, and for the section itself that has the entry.
+    /// Returns true if the location is the whole graph, or the section `section` as a whole.
     fn is_around(&self, section: &str) -> bool {
         self.path.is_empty() || self.depth == 1 && self.path == section
     }
@@ -71,7 +71,7 @@ impl Versions<'_> {
 }
 
 impl Merger<'_> {
-    /// Merges three whole texts.
+    /// Merges three whole texts: the base text, our text and their text.
     pub(super) fn merge_root(
         &mut self,
         base: Value<'_>,
@@ -195,7 +195,7 @@ impl Merger<'_> {
         Some(self.merge_parts(base.as_ref(), &ours, &theirs, place))
     }
 
-    /// Merges all parts and joins them.
+    /// Merges each of the named parts, and joins the results to one text per side.
     fn merge_parts(
         &mut self,
         base: Option<&Parts<'_>>,

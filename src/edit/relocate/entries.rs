@@ -36,7 +36,7 @@ pub(crate) fn take_entries(
         return TakenEntries { splices: Vec::new(), text: String::new() };
     };
     let Some(runs) = line_runs(text, map, &parts, taken) else {
-        // The entries share lines with other entries.
+        // The entries share lines with other text, so their lines cannot be moved as a whole.
         let all = taken.iter().map(|&at| apply_within(text, parts[at], inner) + ",\n").collect();
         let others = taken.iter().copied().filter(|&at| at != last).collect();
         let mut splices = remove_parts(text, map, &others);

@@ -29,7 +29,7 @@ pub(crate) struct ParsedGraph {
     pub(crate) roots: Vec<PathBuf>,
 }
 
-/// A link in the text of a graph.
+/// A link in the text of a graph, with the outputs to which it leads.
 pub(crate) struct ResolvedLink {
     pub(crate) span: Span,
     /// The text of the link.
@@ -82,13 +82,13 @@ impl ParsedGraph {
         &self.file.definition
     }
 
-    /// Returns a section of the graph.
+    /// Returns the map of a section of the graph, such as `nodes`.
     pub(crate) fn section(&self, name: &str) -> Option<&Tree> {
         let value = &field(self.tree(), name)?.value;
         matches!(value.kind, Kind::Map(_)).then_some(value)
     }
 
-    /// Returns the entries of a section.
+    /// Returns the entries of a section of the graph, such as `nodes`.
     pub(crate) fn entries(&self, name: &str) -> &[(Tree, Tree)] {
         match self.section(name).map(|section| &section.kind) {
             Some(Kind::Map(entries)) => entries,
@@ -178,7 +178,7 @@ impl ParsedGraph {
         files(self.definition())
     }
 
-    /// Returns the edits of the paths at these positions. The edited paths lead to the same files from another folder.
+    /// Returns the edits of the paths at the given positions. The edited paths lead to the same files from another folder.
     pub(crate) fn rebase_paths(
         &self,
         places: impl IntoIterator<Item = Span>,

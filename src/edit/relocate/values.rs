@@ -17,9 +17,9 @@ use super::{ParsedGraph, edit_error};
 /// The value that replaces a parameter in the graph to which nodes are moved.
 #[derive(Clone)]
 pub(crate) enum ParameterValue {
-    /// A parameter of that graph.
+    /// A parameter of the graph to which nodes are moved.
     Parameter(String),
-    /// An expression of parameters of that graph.
+    /// An expression of parameters of the graph to which nodes are moved.
     Expression(String),
     /// A value as RON, and the unit in which the parameter is declared.
     Value { text: String, unit: Option<String> },

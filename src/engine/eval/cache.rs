@@ -162,13 +162,13 @@ impl Cache {
         Self { limit, clock: AtomicU64::new(0), state: Mutex::default() }
     }
 
-    /// Sets the limit, in bytes.
+    /// Sets the maximum size of all entries, in bytes.
     pub(super) fn set_limit(&mut self, limit: usize) {
         self.limit = limit;
         lock(&self.state).shrink(limit);
     }
 
-    /// Returns the limit, in bytes.
+    /// Returns the maximum size of all entries, in bytes.
     pub(super) fn limit(&self) -> usize {
         self.limit
     }

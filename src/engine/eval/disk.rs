@@ -72,19 +72,19 @@ pub enum DiskError {
     /// Some files cannot be removed.
     #[error("cannot remove {count} of the files in the cache {}: {error}", .folder.display())]
     NotRemoved {
-        /// The folder.
+        /// The folder that contains the files.
         folder: PathBuf,
-        /// The number of files.
+        /// The number of files that cannot be removed.
         count: usize,
-        /// The error of the first file.
+        /// The error of removing the first of these files.
         error: io::Error,
     },
     /// An error of the operating system.
     #[error("the cache {} cannot be used: {error}", .folder.display())]
     System {
-        /// The folder.
+        /// The folder that cannot be used.
         folder: PathBuf,
-        /// The error.
+        /// The error that the operating system returned.
         error: io::Error,
     },
 }
@@ -117,7 +117,7 @@ const FOLDERS: [&str; 4] = ["entries", "columns", "graphs", "outputs"];
 /// long enough.
 const CHEAP_ENTRIES: usize = 1000;
 
-/// The minimum computation time of later entries, in seconds.
+/// The minimum computation time, in seconds, of an entry that is stored after the first [`CHEAP_ENTRIES`] entries.
 pub(super) const MIN_SECONDS_TO_KEEP: f64 = 1e-3;
 
 /// Results of at most this many bytes are always fast enough to read back. Larger ones are stored only if reading is faster than computing.
@@ -318,7 +318,7 @@ impl Store {
         entry
     }
 
-    /// Marks a file as used.
+    /// Marks a file as used, so that it is dropped later than files that were used earlier.
     fn touch(&self, path: &Path) {
         if self.write_error.get().is_none() {
             touch(path);
@@ -330,12 +330,12 @@ impl Store {
         let _ = remove(path);
     }
 
-    /// Stops all further writing for this reason.
+    /// Stops all further writing, and records `reason` as the write error.
     fn stop(&self, reason: impl fmt::Display) {
         let _ = self.write_error.set(reason.to_string());
     }
 
-    /// Writes a file that consists of these parts. The file appears whole or not at all.
+    /// Writes a file that consists of the given parts. The file appears whole or not at all.
     fn write(&self, path: &Path, parts: &[&[u8]]) {
         if self.write_error.get().is_some() {
             return;
@@ -434,7 +434,7 @@ mod tests {
             let value = AnyValue::new(Points::new(points.clone()).unwrap());
             let value = match is_intact {
                 true => value,
-                // A point that was moved in memory.
+                // Simulates a value whose memory was overwritten: a point has moved, but the column still has the old hash.
                 false => {
                     let mut moved = points.to_vec();
                     moved[n - 1].x = 100.0;

@@ -22,9 +22,9 @@ pub(super) struct Parts {
 /// The first part that differs between two computations of one node.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Change {
-    /// The type: the node had another one before.
+    /// The type of the node. `before` is the previous type.
     Kind { before: String },
-    /// A parameter: the path to it through the fields of the node, and its values before and now.
+    /// A parameter of the node. `path` leads to it through the fields of the node; `before` and `now` are its values.
     Parameter { path: Vec<String>, before: Json, now: Json },
     /// The value of the link with this index.
     Input(usize),

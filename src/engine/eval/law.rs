@@ -243,7 +243,7 @@ impl World {
         self.processes.last_mut().expect("there is always one")
     }
 
-    /// Waits until everything is on disk.
+    /// Waits until all processes have written their results to disk.
     fn flush(&self) {
         for disk in self.processes.iter().filter_map(|process| process.evaluator.disk()) {
             disk.finish();

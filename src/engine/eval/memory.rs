@@ -110,7 +110,7 @@ impl Memory {
         Err(no_room(estimate, state.in_use().saturating_add(own), max_bytes))
     }
 
-    /// Returns true if a node has waited.
+    /// Returns true if the node has waited for memory at least once.
     pub(super) fn has_waited(&self, index: usize) -> bool {
         lock(&self.state).has_waited.contains(&index)
     }

@@ -1,7 +1,7 @@
 //! Plans an evaluation: before anything runs, finds the nodes that need work.
 //!
-//! The parts from which nodes were computed are scattered in memory; reading them for 10 000 nodes took four of five milliseconds.
-//! Therefore, if the name, recipe, links and dependencies of a node are unchanged, only one hash is compared.
+//! The parts from which nodes were computed are scattered in memory; reading them for 10 000 nodes took four of five milliseconds. So a
+//! single hash of the name, recipe and links of a node is compared first. If it and the dependencies are unchanged, the parts are not read.
 
 use std::sync::{Arc, OnceLock};
 

@@ -33,14 +33,14 @@ impl Observer for PreflightObserver<'_> {
 }
 
 impl Evaluator {
-    /// Returns true if these nodes are known to be unchanged, so they need no work.
+    /// Returns true if the nodes `roots` are known to be unchanged, so they need no work.
     pub(crate) fn is_settled(&mut self, graph: &Graph, roots: &[usize]) -> bool {
         self.recall(graph);
         !Plan::new(self, graph, roots, &[]).has_work()
     }
 
-    /// Evaluates these nodes. For each of them returns whether it has a result, or its error. The error is `None` for a node that depends
-    /// on a failed node. The events are reported by the next evaluation.
+    /// Evaluates the nodes `roots`. For each of them returns `Ok` if it has a result, and otherwise its error. The error is `None` for a
+    /// node that depends on a failed node. The events are reported by the next evaluation.
     pub(crate) fn prepare(
         &mut self,
         graph: &Graph,

@@ -21,7 +21,7 @@ use super::snapshot::{NodeRecord, VisitedNodes};
 use super::trace::Reason;
 use super::{Evaluator, Observer, State, lock};
 
-/// The event of a visited node.
+/// The outcome of visiting a node, for the trace and the diagnostics.
 pub(super) struct NodeEvent {
     pub(super) index: usize,
     pub(super) state: State,
@@ -207,8 +207,9 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Returns the result of a node. If a node is only restored or verified, its result is known before its visit. That matters if a node
-    /// without a task depends on it and needs its values, because another process has dropped the values of that node.
+    /// Returns the result that the visit of a node has found, or before that visit the result that the plan knows. The plan knows the
+    /// results of nodes that are only restored or verified. Such a result may be needed before the visit: if another process has dropped
+    /// the values of a node without a task, computing them again needs the results of the node's dependencies.
     pub(super) fn result_of(&self, index: usize) -> Option<&Arc<NodeRecord>> {
         let found = self.slot(index).and_then(|slot| slot.result.get());
         match found {
@@ -406,12 +407,12 @@ impl<'a> Run<'a> {
         Arc::new(NodeRecord { parts, key, outcome })
     }
 
-    /// Returns true if the values of these nodes are in memory.
+    /// Returns true if the values of the nodes `roots` are in memory.
     pub(super) fn has_values(&self, roots: &[usize]) -> bool {
         roots.iter().all(|&root| self.result_of(root).is_none_or(|done| done.outcome.has_values()))
     }
 
-    /// Returns the values of these nodes, sorted by node. Nodes without values are left out.
+    /// Returns the values of the nodes `roots`, sorted by node. Nodes without values are left out.
     pub(super) fn values_of(&self, roots: &[usize]) -> Vec<(usize, Values)> {
         let mut roots = roots.to_vec();
         roots.sort_unstable();

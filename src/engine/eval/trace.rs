@@ -15,7 +15,7 @@ pub enum State {
     Cached,
     /// The node did not run, because its dependencies were computed again with equal results.
     Equal,
-    /// The node ran.
+    /// The node ran and succeeded.
     Computed,
     /// The node ran and failed.
     Failed,
@@ -36,7 +36,7 @@ impl State {
     }
 }
 
-/// The reason for the state of a node.
+/// The reason why a node is in its state.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Reason {
     /// Nothing that the node depends on changed.
@@ -45,7 +45,7 @@ pub(crate) enum Reason {
     SameInputs,
     /// Something changed back to an earlier state, whose result is in the cache.
     Before(Change),
-    /// No earlier result is known.
+    /// The node has no earlier result.
     First,
     /// Something changed since the last result of the node.
     Changed(Change),
@@ -75,7 +75,7 @@ impl Reason {
             Self::Changed(change) => in_words(change, node),
             Self::Lost => "its result is no longer in the cache".into(),
             Self::Cheap => {
-                "computed again (cheap): it was too little work to be kept on disk".into()
+                "computed again (cheap): its computation was too short to be stored on disk".into()
             }
             Self::Verified => "computed again to compare it with its cached result".into(),
             Self::Unread(index) => {
@@ -101,7 +101,7 @@ fn in_words(change: &Change, node: &GraphNode) -> String {
     }
 }
 
-/// The trace of one node.
+/// The state of one node after an evaluation, with the reason, times and warnings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NodeTrace {
     /// The name of the node in the graph.

@@ -33,7 +33,7 @@ impl Forecast {
 pub(crate) enum Outlook {
     /// The node's result is in the cache.
     Cached,
-    /// The node would be computed.
+    /// The node would certainly be computed.
     Runs,
     /// The node depends on a node that would be computed. The node itself runs only if that computation gives another result.
     MayRun,

@@ -117,7 +117,7 @@ impl Session {
         self.expand(graph, &mut counts)
     }
 
-    /// Returns the graph with its loops expanded to these counts. If a count is wrong, the evaluation reports that.
+    /// Returns the graph with its loops expanded to the given counts. If a count is wrong, the evaluation reports that.
     fn expand(&self, graph: &Graph, counts: &mut Counts) -> Graph {
         fn refusal(diagnostics: Vec<Diagnostic>) -> Count {
             let first = diagnostics.into_iter().next().map(|diagnostic| diagnostic.message);

@@ -13,7 +13,7 @@ use crate::eval::{Evaluation, RunTrace};
 use crate::expect;
 use crate::expect::Violation;
 
-/// The result of a run.
+/// The values, trace and diagnostics of a run.
 pub struct RunResult {
     pub(super) graph: Graph,
     pub(super) evaluation: Evaluation,
@@ -98,7 +98,7 @@ impl RunResult {
         self.evaluation.diagnostics()
     }
 
-    /// Returns the violations of these expectations.
+    /// Returns the violations of the given expectations.
     pub fn check_expectations(&self, expected: &[&GraphExpectation]) -> Vec<Violation> {
         expect::violations(&self.graph, self.evaluation.values_by_output(), expected)
     }
@@ -109,7 +109,7 @@ impl RunResult {
     }
 }
 
-/// The report of writing outputs.
+/// The files and diagnostics of a run that wrote outputs.
 pub struct OutputReport {
     pub(super) evaluation: Evaluation,
     /// The files that are up to date now, including those that did not have to be written.

@@ -57,8 +57,8 @@ impl Session {
         Ok(self.evaluator.forecast(graph, &nodes, &values))
     }
 
-    /// Returns the forecasts of these nodes and of their dependencies for a run that requests their values. Values are also needed if their
-    /// expectations are not known to hold.
+    /// Returns the forecasts of the given nodes and of their dependencies for a run that requests their values. Values are also needed if
+    /// their expectations are not known to hold.
     pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
         let needed = graph.topology().needed_by(nodes);
         let (_, open) = self.open_expectations(graph, &graph.expectations_for(nodes));

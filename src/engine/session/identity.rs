@@ -12,7 +12,7 @@ use super::Session;
 use super::provenance::ProvenanceBuilder;
 use crate::eval::Disk;
 
-/// The files that a graph reads.
+/// The files that a graph reads, with their hashes and stamps.
 #[derive(Default)]
 pub struct ReadFiles {
     /// The hash of each file by its path in the project; `None` for a missing file.
@@ -35,8 +35,8 @@ impl Session {
         self.evaluator.known_files().extend(files);
     }
 
-    /// Returns the files that a graph reads if these files are the values of its inputs. Returns `None` if one of them cannot be read. A
-    /// forecast does not read large files.
+    /// Returns the files that a graph reads if `inputs` are the files with the values of its inputs. Returns `None` if one of them cannot
+    /// be read. A forecast does not read large files.
     pub fn files_of(
         &self,
         graph: &Graph,

@@ -34,9 +34,9 @@ pub struct OutputFile {
     pub path: PathBuf,
     /// The size of the file, in bytes.
     pub bytes: usize,
-    /// The hash of its content.
+    /// The hash of the file's content.
     pub hash: Hash,
-    /// True if the file already had these bytes.
+    /// True if the file already had the right bytes.
     pub unchanged: bool,
     /// The time that encoding and writing the file took in this run, in seconds.
     #[serde(skip)]
@@ -66,7 +66,7 @@ pub struct OutputFolder {
     writes_provenance: bool,
     /// Files that are never replaced, in addition to those of the graph.
     kept: Sources,
-    /// For each output its files, and the hash of what they were made from.
+    /// For each output, its files and the hash of the data from which they were made.
     known: Mutex<HashMap<String, KnownOutput>>,
 }
 
@@ -183,12 +183,13 @@ impl OutputFolder {
         self
     }
 
-    /// Returns the path of the folder.
+    /// Returns the path of the output folder.
     pub fn path(&self) -> &Path {
         &self.folder
     }
 
-    /// Returns the place in which files may be written: the folder. Unless the user has given the folder, links must not lead out of it.
+    /// Returns the destination that allows writing inside of the folder. Unless the user has given the folder, links must not lead out of
+    /// it.
     pub fn destination<'a>(&self, sources: &'a Sources) -> Destination<'a> {
         match self.is_given {
             true => Destination::folder(&self.folder, sources),
@@ -208,8 +209,8 @@ impl OutputFolder {
     pub(super) fn keep(&self, evaluator: &Evaluator) {
         let known = self.lock();
         if let (Some(disk), Ok(note)) = (evaluator.disk(), serde_json::to_vec(&*known)) {
-            // Such files are recorded only after they are on disk. If the machine stopped before, a file that was written over an older one
-            // would have the right length and time but wrong content.
+            // Files that are written in pieces may overwrite older files, so they are recorded only after they are on disk. If the machine
+            // stopped before that, such a file would have the right length and time but wrong content.
             let files =
                 known.values().flat_map(|known| known.files.iter().zip(&known.rewrite_states));
             let over = files.filter(|(_, again)| !again.pieces.is_empty());
@@ -223,8 +224,8 @@ impl OutputFolder {
         self.lock().values_mut().for_each(|known| known.rewrite_states.clear());
     }
 
-    /// Returns the nodes whose values are needed to write these outputs. No value is needed for an output whose files are known to be up to
-    /// date.
+    /// Returns the nodes whose values are needed to write the given outputs. No value is needed for an output whose files are known to be
+    /// up to date.
     pub(super) fn nodes_to_write(
         &self,
         outputs: &[&GraphOutput],
@@ -508,7 +509,7 @@ impl OutputFolder {
     }
 }
 
-/// The result of writing outputs.
+/// The files and diagnostics that result from writing outputs.
 #[derive(Default)]
 pub(super) struct WriteResult {
     /// The files that are up to date now.
@@ -558,7 +559,8 @@ fn source_hash(value: Hash, signature: Option<&Signature>) -> Hash {
     }
 }
 
-/// Returns the stamp of a file if the file has these bytes. Large files are not compared, because writing them is as fast as reading them.
+/// Returns the stamp of a file if the file has the content `bytes`. Large files are not compared, because writing them is as fast as
+/// reading them.
 fn holds(path: &Path, bytes: &[u8]) -> Option<VerifiedStamp> {
     const LARGE: usize = 16 << 20;
     let found = VerifiedStamp::read(path)?;

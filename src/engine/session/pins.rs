@@ -58,7 +58,7 @@ pub fn pinnable<'g>(graph: &'g Graph, name: &str) -> Result<Vec<&'g str>, String
 }
 
 impl RunResult {
-    /// Pins the results of these nodes, and returns the written files. `graph` is the graph before its loops over data were expanded.
+    /// Pins the results of the named nodes, and returns the written files. `graph` is the graph before its loops over data were expanded.
     ///
     /// # Errors
     /// If a value is missing, or a file cannot be written.
@@ -87,8 +87,8 @@ impl RunResult {
     }
 }
 
-/// Removes the pins of the nodes with these names, and of the nodes inside of uses with these names. Returns the names of the nodes whose
-/// pins were removed.
+/// Removes the pins of the nodes and uses with the given names; the pins of a use are those of the nodes inside of it. Returns the names of
+/// the nodes whose pins were removed.
 ///
 /// # Errors
 /// If a file cannot be read, written or removed.

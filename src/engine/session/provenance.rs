@@ -15,7 +15,7 @@ pub struct ProvenanceBuilder<'a> {
     catalog: &'a Catalog,
     /// The folder of the graph. Paths in the graph are relative to it.
     folder: PathBuf,
-    /// The folder of the project.
+    /// The root folder of the project that contains the graph.
     root: PathBuf,
     /// The identity of each node: a hash of the recipe of the node and of all nodes on which it depends. Names and the order of nodes do
     /// not matter.

@@ -40,7 +40,7 @@ fn code_of(kind: io::ErrorKind) -> Option<i32> {
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {why}", .path.display())]
 pub struct SaveError {
-    /// The path of the file.
+    /// The path of the file that could not be written.
     pub path: PathBuf,
     why: WriteError,
 }

@@ -33,7 +33,7 @@ pub enum CacheFolder {
     /// The default folder of the command line: `$MAQUETTE_CACHE`, or `maquette` in the system's folder for caches.
     #[default]
     Default,
-    /// The folder at this path.
+    /// Results are kept in the folder at this path.
     At(PathBuf),
     /// No folder: results are kept only in memory.
     None,
@@ -45,9 +45,9 @@ pub enum CacheServer {
     /// The default server of the command line: `$MAQUETTE_CACHE_REMOTE`, if it is set.
     #[default]
     Default,
-    /// The server at this address.
+    /// Results are shared through the server at this address.
     At(String),
-    /// No server.
+    /// Results are not shared.
     None,
 }
 
@@ -118,7 +118,7 @@ impl Settings {
         Ok(Self { max_memory: Some(size(text)?), ..self })
     }
 
-    /// Creates an evaluator that runs on these threads. Also returns the reason why it does not write results to disk, if it should but
+    /// Creates an evaluator that runs on the given threads. Also returns the reason why it does not write results to disk, if it should but
     /// cannot.
     pub(super) fn evaluator(
         &self,
@@ -155,7 +155,7 @@ impl Settings {
 }
 
 impl CacheServer {
-    /// Connects the disk cache to the server of these settings.
+    /// Connects the disk cache to the server that the settings name.
     fn connect(&self, disk: Disk) -> Result<Disk, String> {
         match self.address() {
             Some((named, address)) => {

@@ -19,12 +19,12 @@ const MAX_SPARE_VERDICTS: usize = 1000;
 pub(super) struct Verdicts {
     /// For each stored verdict, a hash of the expectation and the values that meet it. The latest verdict is the first.
     valid: Vec<Hash>,
-    /// The maximum number of verdicts.
+    /// The maximum number of verdicts that are stored for the graph.
     max_verdicts: usize,
 }
 
 impl Verdicts {
-    /// Returns those expectations that are not known to hold for the values with these hashes.
+    /// Returns those expectations that are not known to hold for the values with the given hashes.
     pub(super) fn open<'e>(
         &self,
         expected: &[&'e GraphExpectation],
@@ -38,7 +38,7 @@ impl Verdicts {
             .collect()
     }
 
-    /// Checks these expectations one after the other until the run is cancelled, and stores which of them hold. The verdicts of other
+    /// Checks the given expectations one after the other until the run is cancelled, and stores which of them hold. The verdicts of other
     /// expectations are kept.
     pub(super) fn judge(
         &mut self,

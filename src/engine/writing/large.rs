@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 use std::time::SystemTime;
 
-/// The size in bytes from which these measures save time.
+/// The minimum size in bytes of a file that is treated as large. For smaller files the measures in this module save no time.
 const LARGE: usize = 16 << 20;
 
 /// Allocates disk space for `len` bytes before they are written. Otherwise ext4 allocates the space when the file replaces another one, and

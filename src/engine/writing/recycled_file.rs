@@ -1,5 +1,5 @@
-//! Large files that this process writes repeatedly. Each version overwrites the version before the last one, and only the parts that
-//! differ.
+//! Large files that this process writes repeatedly. Each version is written over the file of the version before the last one, and only
+//! the parts that differ are written.
 //!
 //! A file must appear whole or not at all, so it is never overwritten at its own path. The file that it replaces is not removed but kept
 //! next to it for the next write, under the name of a temporary file. Overwriting existing pages costs a third of allocating new ones, and
@@ -7,8 +7,10 @@
 //! name and is unchanged.
 //!
 //! The first two versions are new files. Copying the unchanged part from the old file would cost as much as writing it (65 to 90 ms for 337
-//! MB), and ext4 cannot share it. If the machine stops before everything is on disk, a recycled file has the right length and time but
-//! wrong content. Therefore the file is recorded for the next process only after `bring_to_disk`, which runs in the background.
+//! MB), and ext4 cannot share it.
+//!
+//! If the machine stops before everything is on disk, a recycled file has the right length and time but wrong content. So the next
+//! process must not trust it: the file is recorded for that process only after `bring_to_disk`, which runs in the background.
 
 #![cfg_attr(
     target_os = "linux",
@@ -108,7 +110,7 @@ pub(super) fn is_open_only_here(file: &File) -> bool {
     /// no effect.
     const F_SETSIG: libc::c_int = 10;
     fn set(command: i32, value: libc::c_int, file: &File) -> bool {
-        // SAFETY: these commands take a number, and the file is open.
+        // SAFETY: both commands that are used below take a number, and the file is open.
         unsafe { libc::fcntl(file.as_raw_fd(), command, value) == 0 }
     }
     set(F_SETSIG, libc::SIGURG, file)

@@ -39,7 +39,7 @@ impl Sources {
         }
     }
 
-    /// Adds all files of another list.
+    /// Adds all files of `other`.
     pub fn extend(&mut self, other: &Self) {
         self.0.extend(other.0.iter().map(|(path, what)| (path.clone(), *what)));
     }

@@ -22,7 +22,7 @@ const LETTERS: usize = 12;
 
 /// Creates a locked temporary file in a folder.
 pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
-    // The umask of the user applies to these permissions, as for any new file.
+    // The umask of the user restricts the permissions, as for any new file.
     create_with(folder, 0o666)
 }
 

@@ -126,7 +126,7 @@ fn files_in_use_elsewhere_are_not_overwritten() {
     io::Read::read_to_end(&mut &open, &mut seen).unwrap();
     assert!(seen == vec![1; RewrittenFile::LEN], "a reader sees what it has opened");
     drop(open);
-    // The file has another name, made before or after it was replaced.
+    // The file has a second name (a hard link), made before or after it was replaced.
     let Some(mut file) = RewrittenFile::new() else { return };
     let copy = file.folder.path().join("copy.bin");
     fs::hard_link(file.spare(), &copy).unwrap();

@@ -46,8 +46,8 @@ fn normals() -> Attribute {
     )
 }
 
-/// Returns a mesh without data of a kind, the mesh with such data, and the name of the attribute that has them; `None` for kinds that every
-/// mesh has.
+/// Returns a mesh without data of this kind, the mesh with such data, and the name of the attribute that contains the data. Returns `None`
+/// for kinds of data that every mesh has.
 fn mesh_with(kind: DataKind) -> Option<(Mesh, Mesh, &'static str)> {
     let (plain, on_uv) = (bare(false), bare(true));
     let mesh = plain.clone();

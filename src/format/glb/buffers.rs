@@ -16,7 +16,7 @@ use crate::BLOCK;
 use crate::corners::{Split, split};
 use crate::rows::{Table, floats, indices};
 
-/// The vertices of a glTF mesh: those of the mesh, duplicated where the data of corners differ.
+/// The vertices of a glTF mesh: the vertices of `mesh`, duplicated where their corners have different data.
 pub(super) struct Vertices<'a> {
     mesh: &'a Mesh,
     split: Option<Split>,

@@ -22,7 +22,7 @@ const TRIANGLES: u32 = 4;
 const STRIP: u32 = 5;
 const FAN: u32 = 6;
 
-/// Collects the primitives (parts of meshes) in a scene. Corners are indices of glTF vertices until `finish` merges these.
+/// Collects the primitives (parts of meshes) in a scene. Corners are indices of glTF vertices until `finish` merges vertices.
 pub(super) struct Scene<'a> {
     document: &'a Document,
     buffer: Buffer<'a>,
@@ -34,7 +34,7 @@ pub(super) struct Scene<'a> {
     sets: Vec<Rows<[f64; 2]>>,
     custom: BTreeMap<String, (CustomKind, Rows<[f64; 3]>)>,
     parts: usize,
-    /// The number of primitives that have a picture but no vertex colors. They need no colors.
+    /// The number of primitives that have a picture but no vertex colors. They need no vertex colors, because the picture has the colors.
     pictured: usize,
     triangles: Vec<[u32; 3]>,
     materials: Materials<'a>,
@@ -522,7 +522,7 @@ fn cofactors(matrix: &Matrix3<f64>) -> Matrix3<f64> {
 }
 
 impl Node {
-    /// Returns the transformation from the node's coordinates to those of its parent.
+    /// Returns the transformation from the node's coordinates to the coordinates of its parent.
     fn motion(&self) -> Matrix4<f64> {
         if let Some(matrix) = &self.matrix {
             return Matrix4::from_column_slice(matrix);

@@ -82,7 +82,7 @@ fn companion_stem(name: &str) -> String {
 /// The index by which a corner refers to its texture coordinate or its normal, from 0.
 enum Reference {
     None,
-    /// The index equals that of the vertex.
+    /// The index equals the index of the vertex.
     Vertex,
     /// Each corner has a separate index.
     Corner(Vec<u32>),
@@ -150,8 +150,8 @@ fn encode(mesh: &Mesh, start: String, materials: &[String]) -> Content<'static> 
     join_pieces(text)
 }
 
-/// Returns the entries to list, and for each corner the index of its entry. Vertex data are listed unchanged; of corner data the distinct
-/// entries at each vertex are listed.
+/// Returns the list of entries to write, and for each corner the index of its entry. Data of vertices are listed unchanged. Data of corners
+/// are listed vertex by vertex, and equal entries at one vertex only once.
 fn per_vertex_or_corner<'a, T: Copy + PartialEq>(
     mesh: &Mesh,
     vertices: Option<&'a Column<T>>,

@@ -17,7 +17,7 @@ pub(super) struct Body<'a> {
     next: usize,
     /// The position of the last number that was read, in bytes.
     last: usize,
-    /// The number of the line with the last number that was read, for a text.
+    /// The number of the line with the last number that was read, if the body is text.
     line: usize,
 }
 
@@ -96,7 +96,7 @@ impl<'a> Body<'a> {
         })
     }
 
-    /// Reads a number.
+    /// Reads the next number, whose type is `scalar`.
     pub(super) fn number(&mut self, scalar: Scalar) -> Result<f64, PlyError> {
         match self.encoding {
             Encoding::Ascii => self.word(scalar),
@@ -114,7 +114,7 @@ impl<'a> Body<'a> {
         Ok(length as usize)
     }
 
-    /// Skips a list.
+    /// Skips a list. `length` is the type of the list's length, `scalar` the type of its items.
     pub(super) fn skip_list(&mut self, length: Scalar, scalar: Scalar) -> Result<(), PlyError> {
         let length = self.length(length)?;
         if self.encoding == Encoding::Ascii {

@@ -6,8 +6,9 @@ use crate::{excerpt, parse, words};
 /// The usual name of the property with the texture coordinates of a face's corners.
 pub(super) const TEXCOORD: &str = "texcoord";
 
-/// The name of this property that the writer uses for polygons: MeshLab rejects polygons with the usual name. The alternatives are worse:
-/// duplicated vertices would open a closed mesh, and triangulation would lose the polygons. The writer warns about the name.
+/// The name that the writer gives to the property [`TEXCOORD`] if the mesh has polygons: MeshLab rejects polygons with the usual name. The
+/// alternatives are worse: duplicated vertices would open a closed mesh, and triangulation would lose the polygons. The writer warns about
+/// the name.
 pub(super) const CORNER_UV: &str = "corner_uv";
 
 /// The storage type of a number.

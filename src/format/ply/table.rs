@@ -1,4 +1,4 @@
-//! Tables of an element's scalar properties, and the mesh that is made of vertices and faces with such tables.
+//! Tables of the scalar properties of PLY elements, and the mesh that is built from the tables of vertices and faces.
 
 use std::borrow::Cow;
 

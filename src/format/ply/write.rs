@@ -84,14 +84,15 @@ struct TableColumn<'a> {
     hash: HashRows<'a>,
 }
 
-/// Fills a column. The arguments are the rows, the index of the first row, the length of a row, and the offset of the column in a row.
+/// A function that fills a column. Its arguments are the rows, the index of the first row, the length of a row, and the offset of the
+/// column in a row.
 type Fill<'a> = Box<dyn Fn(&mut [u8], usize, usize, usize) + Send + Sync + 'a>;
 
-/// Hashes the content that some rows have in a column.
+/// A function that hashes the content of a column in a range of rows.
 type HashRows<'a> = Box<dyn Fn(Range<usize>, &mut Hasher) + Send + Sync + 'a>;
 
 impl<'a> TableColumn<'a> {
-    /// Creates a column for properties with these names. `sign` is hashed, because it changes the bytes.
+    /// Creates a column for the properties `names`. The hash of the column includes `sign`, because the sign changes the written bytes.
     fn new<T: NoUninit + Send + Sync, B: NoUninit>(
         kind: &str,
         names: &[&str],

@@ -32,7 +32,7 @@ pub(crate) fn explicit_limit(part: &GoldenColumn, tolerance: &Tolerance) -> Opti
         Class::Exact => Some(0.0),
         Class::Level => Some(tolerance.level),
         Class::Normal => Some(DEFAULT_NORMAL_ANGLE),
-        // Only a mean (`rms` or `p99`) is limited, so a single position may be anywhere.
+        // Only `rms` or `p99` is limited, so a single number may have any difference.
         Class::Position | Class::Number => Some(f64::INFINITY),
     })
 }
@@ -135,8 +135,8 @@ pub(crate) fn compare_columns(
     measure
 }
 
-/// Returns statistics of the differences that `beyond` returns for the relative limit. Also returns the differences for the
-/// limit 0.
+/// Returns statistics of the differences in a column. `beyond` computes the differences that exceed a relative limit. Only differences
+/// beyond the relative limit of the tolerance count. Also returns all differences: those beyond the limit 0.
 pub(super) fn measure_with_relative(
     name: &str,
     beyond: impl Fn(f64) -> Vec<f64>,
@@ -153,7 +153,7 @@ pub(super) fn measure_with_relative(
     (all, differences)
 }
 
-/// Returns statistics of differences.
+/// Returns the statistics of the differences in the column `name`: maximum, mean values, and the fraction of elements that differ.
 pub(crate) fn measure(name: &str, differences: &[f64], class: Class, allowed: f64) -> Measure {
     const CHUNK: usize = 1 << 14;
     let by_share = matches!(class, Class::Level | Class::Exact);

@@ -105,21 +105,20 @@ fn sorted_faces(mesh: &Mesh) -> Vec<Vec<u32>> {
     rings
 }
 
-/// A search for the nearest point of another mesh, for each of some vertices of a mesh.
+/// The results of searching the nearest point on another mesh, for all vertices of a mesh or for every n-th one.
 struct Search {
-    /// The distance between two measured vertices in the list: 1 if all are measured.
+    /// The step between measured vertices in the list of all vertices: 1 if all are measured.
     stride: usize,
     hits: Vec<Option<NearestPoint>>,
 }
 
 impl Search {
-    /// Measures all vertices. If there are very many and each search is slow because the meshes are far apart, only some vertices are
-    /// measured, provided that one of them already exceeds the limit.
+    /// Finds the nearest point on the other mesh for every vertex. If there are very many vertices and each search is slow because the
+    /// meshes are far apart, searches only for some of them, provided that one of these already exceeds the limit.
     fn new(from: &Mesh, to: &TriangleTree, limit: f64) -> Self {
-        /// The number of vertices that are measured first. From them the distance of the surfaces and the time for all vertices are
-        /// estimated.
+        /// The number of vertices that are measured first. They show how far apart the surfaces are and how slow a search is.
         const FIRST_VERTICES: usize = 1 << 15;
-        /// The number of boxes of the search tree that a slow search visits. A search near the surface visits about 40.
+        /// A search that visits more boxes of the search tree than this is slow. A search near the surface visits about 40.
         const SLOW_SEARCH_BOXES: usize = 200;
         let all = from.positions();
         let stride = all.len() / FIRST_VERTICES;
@@ -189,11 +188,10 @@ struct Sample {
     at: Point3<f64>,
 }
 
-/// Adds a sample point of each face to `hits`. It detects that the other mesh lacks a face although all vertices of the face exist.
-///
-/// The sample point is the centroid of three consecutive corners. The other mesh may divide a polygon into other triangles, so of these
-/// triples the one nearest to the other mesh counts. Every triangulation contains a triangle of three consecutive corners at two corners at
-/// least.
+/// Adds a sample point of each face to `hits`. The samples detect a face that the other mesh lacks, even if the other mesh has all vertices
+/// of the face. The sample point of a face is the centroid of three consecutive corners. The other mesh may divide the face into different
+/// triangles. So the centroid of every triple of consecutive corners is tested, and the one nearest to the other mesh is used. This is
+/// sufficient, because every triangulation of a polygon contains a triangle whose corners are consecutive.
 fn add_face_samples(
     mesh: &Mesh,
     to: &TriangleTree,
@@ -242,7 +240,8 @@ fn edge_midpoints(mesh: &Mesh) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// Compares the attributes of `old` with the attributes of `new` at the nearest point. Also returns which attributes are missing or new.
+/// Compares the attributes of `old` with the attributes of `new` at the nearest point. Also returns descriptions of attributes that are
+/// missing or new.
 fn attributes(
     old: &Mesh,
     new: &Mesh,
@@ -336,7 +335,7 @@ fn compare_at_vertices(
         let nearest_corner =
             (0..3).max_by(|&a, &b| hit.barycentric[a].total_cmp(&hit.barycentric[b])).unwrap_or(0);
         let there = match part.class {
-            // These values cannot be interpolated, so the value of the nearest corner is used.
+            // Such values cannot be interpolated, so the value of the nearest corner is used.
             Class::Exact | Class::Level => other.element(corners[nearest_corner]).to_vec(),
             _ => interpolate(other, corners, hit.barycentric),
         };

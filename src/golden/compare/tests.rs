@@ -105,7 +105,7 @@ fn without_faces(mesh: &Mesh, is_gone: impl Fn(usize) -> bool) -> Mesh {
     Mesh::new(mesh.positions().to_vec(), faces).unwrap()
 }
 
-/// Creates a wavy sheet of quads. Each quad begins at its corner with the number `first`.
+/// Creates a wavy sheet of quads. The list of vertices of each quad begins with the quad's corner number `first`.
 fn quads(n: u32, first: usize) -> Mesh {
     let cells = (0..n - 1).flat_map(|row| (0..n - 1).map(move |column| row * n + column));
     let corners = cells.flat_map(|a| {

@@ -9,7 +9,7 @@ use maquette_value::{AnyValue, Attribute, Attributes, Mesh, Points};
 use super::extremes::Case;
 use super::{evaluate_node, inputs};
 
-/// The name of the mark that contains the number of the element, from which all other marks are computed.
+/// The name of the mark that stores the number of an element. All other marks of the element are computed from this number.
 const MARK: &str = "mark-of-the-law";
 
 /// The sharpness of a marked edge. Nodes must not change it.
@@ -63,7 +63,7 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
                     given[slot] = marked;
                 }
             }
-            // There are no elements to mark, because points have no corners.
+            // The elements of this domain cannot be marked, because the values have none: points have no corners.
             if marks.counts[named] == 0 {
                 break;
             }
@@ -98,7 +98,7 @@ struct Kind {
     is_linear: bool,
 }
 
-/// All kinds of marks; `MARK` is the first. If a name does not begin with `MARK`, it is known to nodes.
+/// All kinds of marks. `MARK` is the first. A kind whose name does not begin with `MARK` has a name that nodes know, such as `uv`.
 const KINDS: [Kind; 8] = [
     Kind { name: MARK, make: |x| Attribute::Number(x.to_vec().into()), is_linear: true },
     Kind { name: "mark-of-the-law-index", make: index, is_linear: false },
@@ -149,7 +149,7 @@ impl Marks {
     /// domain that gets the marks whose names are known to nodes.
     fn put(&mut self, value: &AnyValue, named: usize) -> Option<AnyValue> {
         fn numbers(domain: usize, count: usize, counts: &mut [usize; 4]) -> Vec<f64> {
-            // The numbers continue from one link to the next, so each link has different numbers.
+            // Each link continues the numbers of the previous one, so no two links have an element with the same number.
             let first = counts[domain];
             counts[domain] += count;
             (first + 1..=first + count).map(|number| number as f64).collect::<Vec<_>>()

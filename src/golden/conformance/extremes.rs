@@ -6,11 +6,11 @@ use std::time::Duration;
 use maquette_graph::Graph;
 use maquette_graph::catalog::Entry;
 use maquette_node::{CancelToken, Progress};
-use maquette_syntax::{resolve, resolve_field, variants};
 use maquette_value::AnyValue;
 use maquette_value::rng::Random;
 use serde_json::Value as Json;
 
+use super::scalars::Scalars;
 use super::{EdgeCases, Values, inputs, run_node};
 
 /// A node in its example graph, with the input values that it has in the example.
@@ -104,44 +104,13 @@ fn run(graph: Graph, name: &str, inputs: Vec<AnyValue>) -> Result<(), String> {
 /// Returns all numbers among the parameters, each with the values at the ends of its range.
 fn numbers(parameters: &Json, schema: &Json) -> Vec<Ends> {
     let mut numbers = Vec::new();
-    for (name, value) in parameters.as_object().into_iter().flatten() {
-        collect(value, &schema["properties"][name], schema, name, &mut numbers);
-    }
+    let scalars = Scalars { schema, max_items: usize::MAX };
+    scalars.visit(parameters, &mut |path, value, schema| {
+        if value.is_number() {
+            numbers.push((path.to_owned(), ends(schema)));
+        }
+    });
     numbers
-}
-
-fn collect(value: &Json, field: &Json, root: &Json, path: &str, numbers: &mut Vec<Ends>) {
-    let schema = resolve_field(field, root);
-    match value {
-        Json::Number(_) => numbers.push((path.to_owned(), ends(&schema))),
-        Json::Array(items) => {
-            for (place, item) in items.iter().enumerate() {
-                collect(item, &schema["items"], root, &format!("{path}.{place}"), numbers);
-            }
-        }
-        Json::Object(entries) => {
-            let choices = variants(&schema);
-            for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
-                let chosen = choices.iter().find(|(known, _)| known == name);
-                match chosen.map(|(_, content)| content.map(|it| resolve(root, it))) {
-                    // In the file, the fields of a chosen enum variant follow the name of the variant directly, so the path does not
-                    // contain the name.
-                    Some(Some(content)) if content.get("properties").is_some() => {
-                        collect(value, &content, root, path, numbers);
-                    }
-                    Some(Some(content)) => {
-                        collect(value, &content, root, &format!("{path}.0"), numbers);
-                    }
-                    Some(None) => {}
-                    None => {
-                        let field = &schema["properties"][name];
-                        collect(value, field, root, &format!("{path}.{name}"), numbers);
-                    }
-                }
-            }
-        }
-        _ => {}
-    }
 }
 
 /// Returns the smallest and the largest number that a schema allows, or very large numbers if there are no limits. For real numbers also

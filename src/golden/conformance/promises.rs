@@ -7,7 +7,7 @@ use maquette_value::AnyValue;
 use super::extremes::Case;
 use super::{evaluate_node, inputs};
 
-/// Checks that the ports, outputs and properties exist that are named in the node's promises.
+/// Checks that all ports, outputs and properties that the node's promises name exist.
 pub(super) fn check_names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) {
     let ports = entry.ports();
     let types_of = |port: &str| {

@@ -50,8 +50,8 @@ fn with_normals(value: &AnyValue) -> AnyValue {
     mesh.map_or_else(|_| value.clone(), AnyValue::new)
 }
 
-/// Changes the inputs of a node, also those replaced by `others`, and checks the updates. Returns the number of updates, or `None` if the
-/// node does not update even for unchanged inputs.
+/// Checks the updates of a node after changes of its inputs: of the inputs `good`, and of each input replaced by the values that `others`
+/// returns. Returns the number of updates, or `None` if the node does not update even for unchanged inputs.
 fn check_updates(
     node: &GraphNode,
     good: &[AnyValue],
@@ -156,7 +156,7 @@ pub(super) fn change_numbers(value: &AnyValue, dice: &mut Random) -> Option<AnyV
         Items::F32(numbers) => {
             numbers.to_mut()[row].iter_mut().for_each(|x| *x += (x.abs() + 1.0) * 0.01);
         }
-        // The numbers are replaced by those of other elements, because indices must refer to existing elements.
+        // Whole numbers may be indices, which must refer to existing elements. So they are replaced by numbers of other elements.
         Items::U32(numbers) => {
             row.for_each(|place| numbers.to_mut()[place] = numbers[dice.next_below(len)]);
         }

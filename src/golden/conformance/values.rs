@@ -56,7 +56,7 @@ fn check_value(value: &AnyValue, broken: &mut Vec<String>) -> bool {
     false
 }
 
-/// The result of creating a value from parts.
+/// The result of creating a value from parts with `from_parts`.
 enum RebuildResult {
     Value(Hash),
     Nothing(PartsError),
@@ -79,11 +79,11 @@ fn unless_panic<T>(make: impl FnOnce() -> T) -> Option<T> {
 /// The result that is required for damaged parts.
 #[derive(Clone, Copy, PartialEq)]
 enum RequiredResult {
-    /// Any result except a panic.
+    /// `from_parts` may return any value or an error, but must not panic.
     Return,
-    /// An error, or a different value.
+    /// `from_parts` must return an error, or a value that differs from the original.
     Differ,
-    /// An error.
+    /// `from_parts` must return an error.
     Fail,
 }
 

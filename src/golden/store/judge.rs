@@ -18,7 +18,7 @@ use crate::compare::{
 use crate::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
 use crate::sketch::Sketch;
 
-/// The message for a golden that an earlier version of the program wrote.
+/// The message for a value that has changed and whose golden was written in the format of an earlier version of the program.
 const OF_EARLIER_FORM: &str = "the value has changed, and its golden has an earlier format, which cannot tell by how much: \
      bless it (--bless) with the old graph, or check the result and bless that";
 
@@ -240,8 +240,8 @@ impl Golden {
         measure
     }
 
-    /// Compares a column by its sketch. This is done if only some of its numbers were stored, and if only a difference in the last digits
-    /// is allowed.
+    /// Compares a column by its sketch: the sums over all of its numbers. This is used if only some of the numbers were stored, and the
+    /// tolerance allows no difference of the column except in the last digits.
     fn judge_by_sums(&self, part: &GoldenColumn, measure: &mut Measure) {
         let Some(sketch) = self.sketch(part) else { return };
         let distance = sketch.distance(&Sketch::compute(&part.numbers));
@@ -292,7 +292,7 @@ impl Golden {
         }
         let old = self.lines.iter().filter(|(label, text)| {
             let is_number = now.iter().any(|line| line.label == *label && line.tolerance.is_some());
-            // If a column is missing, the column itself is reported, and its ranges are not.
+            // A missing column is reported as missing, so the lines with the ranges of its numbers are ignored.
             let may_differ = tolerance.remeshed && is_about_faces(label);
             !is_judged_separately(label) && !is_number && !may_differ && !text.contains(" .. ")
         });
@@ -328,7 +328,7 @@ impl Golden {
     }
 }
 
-/// The reason that is reported if the hash has changed but everything that is compared is equal.
+/// The reason for a changed value: the hash of the value has changed, but everything that is compared is equal.
 const NOTHING_COMPARED: &str = "its hash has changed, but nothing that is compared";
 
 /// Returns true if the tolerance explicitly allows some difference of a column.
@@ -370,7 +370,7 @@ impl StoredColumn {
     }
 }
 
-/// Returns the parts of a value that was stored as a picture. `like` are the parts of any value of the same type.
+/// Converts a picture that was stored as a golden to the parts of a value. `like` contains the parts of any value of the same type.
 fn picture_parts(picture: &Image, like: &GoldenParts) -> GoldenParts {
     GoldenParts {
         facts: Vec::new(),
@@ -421,7 +421,7 @@ mod tests {
         golden_of(old).compare(new, &[], &Tolerance::default())
     }
 
-    /// Creates a rough sheet. Only a part of it is stored in its golden.
+    /// Creates a mesh of a rough sheet. It is so large that only a part of it is stored in its golden.
     fn rough() -> Mesh {
         let quads = (0..119).flat_map(|row| (0..119).map(move |column| row * 120 + column));
         let faces = quads.flat_map(|a| [[a, a + 1, a + 120], [a + 1, a + 121, a + 120]]);

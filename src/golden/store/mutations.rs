@@ -1,4 +1,5 @@
-//! Tests of limits. One entry is moved by slightly less and by slightly more than each limit; the comparison must pass and fail.
+//! Tests of the limits of a comparison. One entry is moved by slightly less than each limit, which must pass, and by slightly more, which
+//! must fail.
 
 use maquette_value::rng::{STEP, even, mix};
 use maquette_value::{
@@ -32,8 +33,8 @@ const MOVES: [(f64, Verdict); 5] = [
     (1e7, Verdict::Different),
 ];
 
-/// Returns the number of elements that are tested, including the first and the last. The number is the environment variable
-/// `PLACES`, or 9.
+/// Returns the number of elements that are tested, including the first and the last: the value of the environment variable `PLACES`, or 9
+/// if it is not set.
 fn tested_positions(count: usize) -> usize {
     let said = std::env::var("PLACES").ok().and_then(|text| text.parse().ok());
     said.unwrap_or(9).clamp(2, count.max(2))
@@ -227,7 +228,7 @@ fn attributes_and_normals_are_compared_at_their_limits() {
                 let mut normals = normals.clone();
                 let normal = Vector3::from(normals[place]);
                 let beside = normal.cross(&Vector3::new(0.3, -0.8, 0.1)).normalize();
-                // Larger angles are not possible, because half a rotation is the largest.
+                // The angle between two normals is at most 180 degrees.
                 let angle = by.min(170.0).to_radians();
                 normals[place] = (normal * libm::cos(angle) + beside * libm::sin(angle)).into();
                 mesh_with_normals(normals, &plain)

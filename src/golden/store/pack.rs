@@ -27,15 +27,15 @@ const MAGIC: &[u8; 8] = b"golden2\n";
 /// The first bytes of a golden in the earlier format.
 pub(super) const EARLIER: &[u8] = b"golden1\n";
 
-/// A stored column.
+/// A column of numbers as a golden stores it.
 #[derive(Clone, Debug)]
 pub(crate) struct StoredColumn {
-    /// The rounded numbers.
+    /// The column with its rounded numbers.
     pub(crate) part: GoldenColumn,
     pub(super) precision: Precision,
-    /// For each element, true if it is stored to the last bit. Empty if all elements are.
+    /// For each element, true if it is stored to the last bit. Empty if every element is.
     pub(super) odd: Vec<bool>,
-    /// The last digits of all numbers.
+    /// The last digits of all numbers; empty if they are not stored separately.
     pub(super) digits: Vec<u8>,
     /// The hash of all numbers with their last digits.
     pub(super) mark: String,
@@ -101,7 +101,8 @@ impl Mesh {
     /// Returns the neighborhoods from which the elements of a column with `count` elements are predicted.
     fn layout(&self, name: &str, count: usize, stride: usize, row: Option<usize>) -> Layout<'_> {
         let of_vertices = !name.starts_with("corner ") && !name.starts_with("face ");
-        // A column of other elements with an equal count is taken for one of vertices, too. That costs at most some more bytes.
+        // A column with one entry per vertex is recognized by its length. If a column of other elements has the same length by chance, it
+        // only takes a few more bytes.
         if of_vertices
             && stride == 1
             && count == self.vertices
@@ -150,7 +151,7 @@ pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) ->
             (part, layout, precision)
         })
         .collect();
-    // If a column has separate last digits, it is packed both with and without them, and the shorter result is used.
+    // A column with separate last digits is packed both with and without them, and the shorter result is used.
     let ways: Vec<_> = columns
         .iter()
         .flat_map(|column| {
@@ -201,7 +202,7 @@ pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) ->
     bytes
 }
 
-/// The key in the header of a column that has the name of a column of faces but does not contain faces.
+/// The key in the header that marks a column which has the name of a column of faces but does not contain faces.
 const NO_FACES: &str = "no faces";
 
 /// Returns true if a column contains all corners of faces. Such a column is coded in its own way.

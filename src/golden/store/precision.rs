@@ -32,8 +32,8 @@ const STEPS: f64 = 24.0;
 const BITS_GIVEN: u32 = 8;
 const BITS: u32 = 6;
 
-/// The maximum ratio of the longest to the shortest direction for which last digits are stored. For a larger ratio, equal angles are very
-/// unequal steps.
+/// The maximum ratio of the longest to the shortest direction for which last digits are stored. For a larger ratio, equal angles of
+/// directions correspond to very unequal differences of their numbers.
 const MAX_LENGTH_RATIO: f64 = 1.02;
 
 /// The largest number that is stored as a whole number of steps. Larger ones are stored to the last bit.

@@ -31,8 +31,8 @@ fn certain_difference(measure: &Measure) -> Option<(String, f64)> {
     (0.0 < least && least < f64::INFINITY).then(|| (measure.name.clone(), least))
 }
 
-/// Returns the name of the golden of a node's output. The name of a node inside of a use contains a path, but the golden of the node is a
-/// file in the same folder as all others.
+/// Returns the name of the golden for an output of a node: `node`, or `node.output` if the node has several outputs. The name of a node
+/// inside a used graph contains slashes. They become dots, because all goldens of a case are in one folder.
 fn expected_name(node: &GraphNode, output: usize) -> String {
     let name = match node.outputs.len() {
         1 => node.name.clone(),
@@ -148,7 +148,7 @@ impl Job<'_> {
         let session = &*session;
         case.outputs = session.install(|| self.outputs(&graph, &finished, session, &mut case));
         case.violations.extend(finished.check_expectations(&Vec::from_iter(&expectations)));
-        // If an output has no value, its golden still belongs to it.
+        // Goldens are orphans only if every output has a value, because the golden of an output without a value is still needed.
         let compared: usize = case.outputs.iter().map(|output| output.files.len()).sum();
         if compared == graph.outputs().len() {
             case.orphans = self.orphans(&case.outputs);
@@ -252,8 +252,8 @@ impl Job<'_> {
         before.unwrap_or(name)
     }
 
-    /// Returns the files to which a value is written. One build of the program writes equal values to equal files. So the description of
-    /// the files is stored on disk for this build, and the value is not encoded again.
+    /// Returns descriptions of the files to which a value is written. The descriptions are cached on disk for this build of the program,
+    /// because one build writes equal values to equal files. So a value that is equal to an earlier one is not encoded again.
     fn write_outputs(
         &self,
         outputs: &[&GraphOutput],
@@ -347,7 +347,7 @@ impl Job<'_> {
         goldens.into_values().flatten().collect()
     }
 
-    /// Describes the tolerances that are much larger than all differences, both the present ones and those when a golden was accepted.
+    /// Returns a note for each tolerance that is much larger than all differences: those of this run, and those that were ever accepted.
     fn wide_tolerances(&self, outputs: &[OutputComparison]) -> Vec<String> {
         let mut notes = Vec::new();
         for output in outputs {

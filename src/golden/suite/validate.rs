@@ -60,7 +60,7 @@ impl TestFile {
         checked
     }
 
-    /// Loads the graph of a case with those of its values that are valid, in order to find further errors.
+    /// Loads the graph of a case. Of the values that the case sets, only the valid ones are used, so that further errors can be found.
     pub(super) fn load_valid_settings(
         &self,
         case: usize,

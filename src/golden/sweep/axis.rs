@@ -117,7 +117,7 @@ pub(super) struct Reader<'a> {
     pub(super) graph_folder: &'a Path,
     /// The folders in which files may be.
     pub(super) roots: &'a [PathBuf],
-    /// Returns the files that the graph reads, each with the field that contains its path.
+    /// A function that returns the files which the graph reads, each with the field that contains its path.
     pub(super) reads: &'a dyn Fn() -> Vec<(String, PathBuf)>,
     pub(super) diagnostics: Vec<LocalDiagnostic>,
     pub(super) warnings: Vec<LocalDiagnostic>,
@@ -126,7 +126,7 @@ pub(super) struct Reader<'a> {
 /// Returns a lower bound for the number of tasks that an axis describes. It is computed without creating the tasks.
 fn count(axis: &Tree) -> usize {
     let name = axis.name().map_or_else(String::new, |name| name.text);
-    /// Returns the items of the list that is the argument of an axis with this index.
+    /// Returns the items of the list that is the argument number `index` of an axis. Returns an empty slice if this argument is not a list.
     fn list(axis: &Tree, index: usize) -> &[Tree] {
         match &axis.kind {
             Kind::Call { body: Body::Items(items), .. } => {
@@ -291,7 +291,7 @@ impl Reader<'_> {
         let [target, first, ..] = items else { return Rows::default() };
         let last = f64::from(count - 1);
         let rows = (0..count).map(|index| {
-            // This formula is exact at both ends, and for whole numbers between whole numbers.
+            // The value is exact at both ends. It is also exact wherever both ends and the value are whole numbers.
             let step = f64::from(index);
             let value = if index == count - 1 { to } else { from + (to - from) * step / last };
             let text = value.to_string();

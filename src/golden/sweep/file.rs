@@ -99,7 +99,7 @@ pub struct Task {
     pub row: Row,
 }
 
-/// The sweep if the file has no errors, and all errors and warnings.
+/// The sweep, or `None` if its file has errors; and all errors and warnings.
 pub(crate) type ReadResult = (Option<Sweep>, Vec<Diagnostic>);
 
 /// Parses the text of a sweep file. No node is run, but each value is set in the graph to check that it is valid.
@@ -210,7 +210,7 @@ struct Checker<'a> {
     source: Arc<Source>,
     catalog: &'a Catalog,
     options: &'a Options,
-    /// True if each value is set in the graph to check that it is valid.
+    /// True if each value is set in the graph to check that it is valid. Otherwise only the file itself is checked.
     tries: bool,
     /// True if the file has no syntax errors.
     is_whole: bool,
@@ -297,7 +297,7 @@ impl Checker<'_> {
         let (over, graph_folder) = (field(tree, "over")?, folder_of_new(graph));
         let roots = self.options.roots.iter().filter_map(|root| std::fs::canonicalize(root).ok());
         let roots = Vec::from_iter([project_root(&graph_folder)].into_iter().chain(roots));
-        // A file of the graph that each task replaces need not exist.
+        // Missing files are not reported, because each task may replace them by other files.
         let options = Options { files: Files::Ignored, ..self.options.clone() };
         let here = folder_of_new(&folder.join("sweep"));
         let mut reader = Reader {
@@ -335,7 +335,7 @@ impl Checker<'_> {
         is_right.then_some(rows)
     }
 
-    /// Warns of values for all tasks that have no effect, because each task sets the parameter or field itself.
+    /// Warns of values in `set` that have no effect, because each task gives the parameter or field another value.
     fn warn_of_unused(&mut self, all: &[Set], rows: &Rows) {
         /// If all rows set a parameter or field, returns the span of its name in `over`.
         fn overriding_span(target: &str, rows: &[Row]) -> Option<Span> {
@@ -365,7 +365,7 @@ impl Checker<'_> {
         self.diagnostics.push(Diagnostic { severity: Severity::Warning, ..diagnostic });
     }
 
-    /// Creates the tasks from the rows, and names them.
+    /// Creates a task from each row and gives the task its name.
     fn name_tasks(
         &mut self,
         file: &File,
@@ -404,7 +404,7 @@ impl Checker<'_> {
                     .into_iter()
                     .zip(rows.rows)
                     .map(|(name, mut row): (String, Row)| {
-                        // If a task sets a value itself, that value is used instead of the one for all tasks.
+                        // A task's own value of a parameter or field takes precedence over the value in `set`.
                         let mut set: Vec<_> = all
                             .iter()
                             .filter(|set| row.set.iter().all(|own| own.target != set.target))
@@ -449,7 +449,7 @@ impl Checker<'_> {
     }
 
     fn report_template(&mut self, wrong: &TemplateError, out: &Tree, names: &[String]) {
-        // This is the position of the error in the file, unless the text contains escape sequences.
+        // The position of the error in the file. It is exact unless the text contains escape sequences.
         let start = out.span.start + 1 + wrong.at;
         let text = &self.source.text[out.span.start..out.span.end];
         let is_plain = !text.contains('\\') && text.starts_with('"');

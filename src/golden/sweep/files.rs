@@ -45,7 +45,8 @@ impl Reader<'_> {
             let message = "expected either `set` or `input`, found both";
             self.report(code::WRONG_VALUE, meant.span_of("input"), message, "remove one of them");
         }
-        // The files that are replaced are determined once for all rows.
+        // If neither `set` nor `input` is given, each row replaces files that the graph reads. These files do not depend on the row, so
+        // they are determined only once.
         let is_said = !meant.set.is_empty() || !meant.input.is_empty();
         let own = if is_said { Vec::new() } else { (self.reads)() };
         let named = match meant.name {
@@ -69,7 +70,7 @@ impl Reader<'_> {
         Rows { names: vec![named], rows }
     }
 
-    /// Reports files and folders that replace no file of the graph. They are left out. If none is left, that is an error.
+    /// Reports matching files and folders that replace no file of the graph, and leaves them out. It is an error if no match remains.
     fn report_unmatched(
         &mut self,
         own: &[(String, PathBuf)],

@@ -38,7 +38,7 @@ pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<MatchedPath>, 
         for (path, stars) in found {
             if !part.contains(['*', '?']) {
                 let path = path.join(part);
-                // The path is made canonical, so that a file always has one path.
+                // A path with `..` is made canonical, so that a file is always found under the same path.
                 let path =
                     if part == ".." { fs::canonicalize(&path).unwrap_or(path) } else { path };
                 next.extend(path.exists().then_some((path, stars)));

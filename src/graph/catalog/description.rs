@@ -23,7 +23,7 @@ pub struct Description<'a> {
 }
 
 impl Description<'_> {
-    /// Returns the ports in order.
+    /// Returns the descriptions of the node's ports, in order.
     pub fn ports(&self) -> Vec<PortDescription> {
         ports(self.schema)
     }

@@ -92,7 +92,7 @@ fn find_marked<'t>(tree: &'t Tree, steps: &mut Vec<Option<String>>) -> Option<&'
     found.or((tree.span == MARK).then_some(tree))
 }
 
-/// Returns the text of a migrated value, in which only the parts that differ from the old value are rewritten.
+/// Returns the text of a migrated value. Parts that are equal in the old value keep their old text.
 pub fn migrated_text(old: &Tree, new: &Tree, text: &str) -> String {
     let Span { start, end } = old.span;
     let mut splices = Vec::new();

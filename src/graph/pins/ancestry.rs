@@ -75,7 +75,7 @@ impl Ancestry {
         }
         let (before, names) = (self.by_name(), self.names_before(&now));
         let changed = now.steps.iter().enumerate().find_map(|(place, step)| {
-            // If a node is new, the change is that of the link to it.
+            // For a new node, the reported change is that of the link to the node.
             let owner = if place == 0 { String::new() } else { format!("{}.", step.name) };
             before.get(names.get(&step.name[..])?)?.change(step, &owner, &names)
         });

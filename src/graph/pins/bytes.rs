@@ -15,7 +15,7 @@ struct Header {
     columns: Vec<(Hash, usize)>,
 }
 
-/// Encodes values.
+/// Encodes values in the file format of pinned values.
 pub fn write(values: &[AnyValue]) -> Vec<u8> {
     let kept: Vec<_> = values.iter().map(AnyValue::encode).collect();
     let columns: Vec<_> = kept.iter().flat_map(|kept| &kept.columns).collect();
@@ -31,7 +31,7 @@ pub fn write(values: &[AnyValue]) -> Vec<u8> {
     bytes
 }
 
-/// Decodes values of these types and hashes. `None` if the bytes contain other values or are damaged.
+/// Decodes values of the given types and hashes. `None` if the bytes contain other values or are damaged.
 pub(crate) fn read(bytes: &[u8], outputs: &[(&'static ValueType, Hash)]) -> Option<Vec<AnyValue>> {
     let rest = bytes.strip_prefix(MAGIC)?;
     let end = rest.iter().position(|byte| *byte == b'\n')?;

@@ -36,7 +36,8 @@ fn page() -> String {
         Generated from `src/lsp/manual/`; `UPDATE_EXPECT=1` in its test writes it again.\n\n"
             .to_owned();
     for topic in TOPICS {
-        page += &format!("- [{}](#{}): `{}`\n", topic.title(), anchor(topic.title()), topic.name);
+        let title = topic.text.lines().next().unwrap().trim_start_matches("# ");
+        page += &format!("- [{title}](#{}): `{}`\n", anchor(title), topic.name);
     }
     for topic in TOPICS {
         page.push('\n');

@@ -21,7 +21,7 @@ type FillFunction<'a> = Box<dyn Fn(usize, &mut [u8]) + Sync + 'a>;
 /// A function that returns a hash of everything that determines the bytes of a range.
 type SourceHash<'a> = Box<dyn Fn(Range<usize>) -> Hash + Sync + 'a>;
 
-/// The content of a file.
+/// The content of a file: bytes in memory, or pieces that are computed on demand.
 pub struct Content<'a> {
     kind: Kind<'a>,
     cached_data: CachedData,
@@ -87,7 +87,7 @@ impl<'a> Content<'a> {
         self.cached_data
     }
 
-    /// Returns the number of bytes.
+    /// Returns the size of the content in bytes.
     pub fn len(&self) -> usize {
         match &self.kind {
             Kind::Whole(bytes) => bytes.len(),
@@ -100,7 +100,7 @@ impl<'a> Content<'a> {
         self.len() == 0
     }
 
-    /// Returns all bytes.
+    /// Computes all pieces and returns the whole content as bytes.
     pub fn into_bytes(self) -> Vec<u8> {
         match self.kind {
             Kind::Whole(bytes) => bytes,

@@ -16,7 +16,7 @@ const STL: &str = "binary STL of maquette, mm, ";
 #[derive(Debug, PartialEq)]
 #[doc(hidden)]
 pub enum EmbeddedProvenance {
-    /// The complete provenance.
+    /// The complete provenance, as one line of JSON.
     Words(String),
     /// The hash of the provenance, from a format with little space.
     Hash(String),
@@ -220,7 +220,7 @@ fn glb(bytes: &[u8], words: &str) -> Option<Splice> {
     Some((12, 8 + before, chunk))
 }
 
-/// Appends a field to a JSON object.
+/// Appends the provenance as a field to a JSON object.
 fn json_text(bytes: &[u8], words: &str) -> Option<Splice> {
     let text = str::from_utf8(bytes).ok()?.trim_end();
     let inside = text.strip_prefix('{')?.strip_suffix('}')?.trim_end();

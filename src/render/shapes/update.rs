@@ -121,7 +121,7 @@ impl Shape {
         })
     }
 
-    /// The leaning triangles after these vertices have changed.
+    /// The leaning triangles after the given vertices have changed.
     fn updated_leaning(
         &self,
         mesh: &Mesh,

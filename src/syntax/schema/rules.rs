@@ -14,7 +14,7 @@ use crate::error::code;
 use crate::tree::{Body, Field, Kind, Tree};
 
 impl Walk<'_> {
-    /// Checks the rules of a vector.
+    /// Checks that a vector does not violate the rules of its schema, such as `"direction": true`.
     pub(super) fn check_vector(&mut self, tree: &Tree, items: &[Tree], schema: &Json, field: &str) {
         if schema.get("direction").is_some()
             && items.iter().all(|item| matches!(item.kind, Kind::Number { value: 0.0, .. }))

@@ -31,7 +31,7 @@ fn count(bytes: usize) -> usize {
     (HEADER + bytes).div_ceil(BLOCK)
 }
 
-/// The indices of the blocks that contain these bytes of items. The range must not be empty.
+/// The indices of the blocks that contain the given bytes of items. The range must not be empty.
 fn blocks_of_bytes(bytes: Range<usize>) -> RangeInclusive<usize> {
     (HEADER + bytes.start) / BLOCK..=(HEADER + bytes.end - 1) / BLOCK
 }
@@ -54,7 +54,7 @@ fn start(items: usize) -> Hasher {
 }
 
 impl Blocks {
-    /// The hashes of the blocks of `items` items with these bytes. The items must fill more than [one block](of_one_block).
+    /// The hashes of the blocks of `items` items whose content is `bytes`. The items must fill more than [one block](of_one_block).
     pub(super) fn new(items: usize, bytes: &[u8]) -> Self {
         let block = |index: usize| block(items, bytes, index);
         let blocks = 0..count(bytes.len());
@@ -65,7 +65,7 @@ impl Blocks {
         })
     }
 
-    /// The hashes of the blocks after the items in these rows have changed. `size` is the size of an item in bytes.
+    /// The hashes of the blocks after the items in the given rows have changed. `size` is the size of an item in bytes.
     pub(super) fn with_changed_rows(
         &self,
         changed: &[Range<u32>],
@@ -88,7 +88,7 @@ impl Blocks {
         Self(blocks)
     }
 
-    /// Feeds the hashes of the blocks that contain these bytes to a hasher. The range of bytes must not be empty.
+    /// Feeds the hashes of the blocks that contain the given bytes to a hasher. The range of bytes must not be empty.
     pub(crate) fn hash_around(&self, bytes: Range<usize>, to: &mut Hasher) {
         to.update(self.0[blocks_of_bytes(bytes)].as_flattened());
     }

@@ -8,11 +8,11 @@ use super::evaluate::Segment;
 /// The point of a curve closest to a given point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CurveFoot {
-    /// The parameter of the point.
+    /// The parameter of the closest point.
     pub t: f64,
-    /// The point.
+    /// The closest point on the curve.
     pub point: Point3<f64>,
-    /// The distance between the two points.
+    /// The distance from the given point to the closest point.
     pub distance: f64,
 }
 

@@ -11,7 +11,7 @@ use std::ops::{Add, Mul};
 use super::basis::MAX_ORDER;
 use super::{KnotVector, KnotVectorError};
 
-/// Another knot vector for the same curves, with the matrix that converts the curves' control points to it.
+/// A new knot vector for curves, with the matrix that converts the control points of the curves to it.
 ///
 /// Each new control point is a weighted mean of old ones: the factors are not negative and their sum is 1. Control points of rational
 /// curves are converted in homogeneous form (w x, w y, w z, w).
@@ -31,7 +31,7 @@ struct Row {
 }
 
 impl KnotChange {
-    /// The new knots.
+    /// The new knot vector.
     pub fn knots(&self) -> &KnotVector {
         &self.knots
     }
@@ -72,7 +72,7 @@ impl KnotVector {
         self.refine(&vec![u; times.min(MAX_ORDER)])
     }
 
-    /// Inserts all of these knots, in any order.
+    /// Inserts all knots of the list, in any order.
     ///
     /// # Errors
     /// If a knot is not inside the domain, or its multiplicity would exceed the degree.

@@ -121,7 +121,7 @@ struct Part {
     end: usize,
 }
 
-/// A chunk with its index.
+/// The index of a chunk among all chunks of the hashed bytes, and its content.
 type Chunk = (usize, [u8; CHUNK]);
 
 impl Background {
@@ -162,7 +162,7 @@ impl Background {
         hasher.finalize_non_root()
     }
 
-    /// The hash of a picture in which the pixels of these runs have the label 1.
+    /// The hash of a picture in which the pixels of the given runs have the label 1.
     fn hash_of_runs(&self, runs: &[LabelRun]) -> Hash {
         let mut chunks: Vec<Chunk> = Vec::new();
         for run in runs {
@@ -188,13 +188,13 @@ impl Background {
         Hash(*merge_subtrees_root(&left, &right, Mode::Hash).as_bytes())
     }
 
-    /// The hashes of two nodes of the tree after these chunks have been replaced.
+    /// The hashes of two nodes of the tree after the given chunks have been replaced.
     fn hash_halves(&self, halves: &[Part; 2], chunks: &[Chunk]) -> [[u8; 32]; 2] {
         let (left, right) = chunks.split_at(chunks.partition_point(|it| it.0 < halves[0].end));
         [self.hash_part(&halves[0], left), self.hash_part(&halves[1], right)]
     }
 
-    /// The hash of a node of the tree after these chunks have been replaced.
+    /// The hash of a node of the tree after the given chunks have been replaced.
     fn hash_part(&self, part: &Part, chunks: &[Chunk]) -> [u8; 32] {
         match (chunks, &part.halves) {
             ([], _) => part.value,

@@ -1,5 +1,5 @@
-//! Data that is derived from a mesh and cached beside its value, so that writing a changing mesh again costs only what has changed. Large
-//! data is kept only while another owner keeps it.
+//! Data that is derived from a mesh and cached with it. When a changed mesh is written again, only the data that depends on the changes is
+//! computed again. Large data is cached only while something outside of the cache also holds it.
 
 use std::fmt;
 use std::ops::Range;
@@ -54,7 +54,7 @@ impl DerivedData {
         Self { of_positions: Arc::default(), colors: self.colors.clone() }
     }
 
-    /// The caches that stay valid after these rows of vertices have moved; `positions` holds the new positions of all vertices.
+    /// The caches that stay valid after the given rows of vertices have moved; `positions` holds the new positions of all vertices.
     pub(super) fn after_moving_rows(&self, rows: &[Range<u32>], positions: &[Point3<f64>]) -> Self {
         let of_positions = PositionCaches {
             normals: Mutex::default(),
@@ -82,7 +82,7 @@ impl DerivedData {
 }
 
 impl PositionCaches {
-    /// The normals from which those of this mesh can be updated after these rows have moved. `None` if there are none.
+    /// The normals from which those of this mesh can be updated after the given rows have moved. `None` if there are none.
     fn earlier_normals(&self, rows: &[Range<u32>]) -> Option<EarlierNormals> {
         let current = lock(&self.normals).as_ref().and_then(WeakColumn::upgrade);
         let (normals, moved) = match (current, &self.earlier) {
@@ -115,7 +115,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Mesh {
-    /// The [`vertex_normals`](Self::vertex_normals) in single precision. They are cached while another owner keeps them.
+    /// The [`vertex_normals`](Self::vertex_normals) in single precision. They stay cached while a caller holds them.
     pub fn cached_normals(&self) -> Column<[f32; 3]> {
         if let Some(known) = self.derived.normals() {
             return known;

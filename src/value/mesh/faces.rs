@@ -16,8 +16,8 @@ use crate::{Column, DecodeError, Decoder, Encoder};
 pub struct Faces {
     corners: Column<u32>,
     shape: Shape,
-    /// The minimum number of vertices that a mesh with these faces must have. `None` if a face contains a vertex twice. Computed on first
-    /// use and shared by copies.
+    /// The minimum number of vertices that a mesh with these faces must have, which is the highest vertex index plus 1. `None` if a face
+    /// contains a vertex twice. Computed on first use and shared by copies.
     min_vertices: Arc<OnceLock<Option<u32>>>,
     /// The bins of vertices that each block of faces uses. Computed on first use and shared by copies.
     face_bins: Arc<OnceLock<FaceBins>>,
@@ -59,7 +59,7 @@ impl Faces {
         Self::new(triangles.into_flattened().into(), Shape::Uniform(3))
     }
 
-    /// Builds faces with these numbers of corners, in order.
+    /// Builds faces with the given numbers of corners, in order.
     ///
     /// # Errors
     /// If a face has fewer than 3 corners, or the sum of the numbers is not the number of corners.
@@ -136,7 +136,7 @@ impl Faces {
         }
     }
 
-    /// Number of faces.
+    /// The number of faces.
     pub fn len(&self) -> usize {
         match &self.shape {
             Shape::Uniform(sides) => self.corners.len() / sides,
@@ -190,10 +190,10 @@ impl Faces {
         &self.corners
     }
 
-    /// The edges of the faces.
+    /// The edges of the faces, each edge once.
     ///
-    /// Each edge is listed at that of its two vertices that has fewer corners. So the searched lists are short even around the center of a
-    /// large fan: Chiba and Nishizeki, "Arboricity and subgraph listing algorithms" (1985), lemma 2.
+    /// Each edge is stored in the list of one of its two vertices, namely the vertex with fewer corners. So the searched lists are short
+    /// even around the center of a large fan: Chiba and Nishizeki, "Arboricity and subgraph listing algorithms" (1985), lemma 2.
     pub fn edges(&self) -> Edges {
         let vertices = self.corners.iter().max().map_or(0, |&vertex| vertex as usize + 1);
         let mut degrees = vec![0u32; vertices];

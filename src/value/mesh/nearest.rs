@@ -166,7 +166,7 @@ struct Group {
     columns: [Lanes<TOGETHER>; 3],
     /// The squared distance from each point to the nearest point found so far. It is negative for unused lanes.
     bounds: Lanes<TOGETHER>,
-    /// The maximum of `bounds`.
+    /// The maximum of `bounds`: a box farther away than this contains no nearer point for any point of the group.
     bound: f64,
     best: [Option<NearestPoint>; TOGETHER],
     /// The leaf in which a nearer point was found last.
@@ -235,8 +235,8 @@ impl Group {
         }
     }
 
-    /// The minimum squared distance from a point of the group to a box. Only points that may find something nearer in the box count;
-    /// infinite if there are none.
+    /// The minimum squared distance from a point of the group to a box. Points that are farther from the box than from their nearest point
+    /// so far are ignored; infinite if all points are ignored.
     #[inline(always)]
     fn to_box(&self, bounds: &Bounds) -> f64 {
         let Lanes(mut distances) = self.to_box_each(bounds);

@@ -82,8 +82,8 @@ fn edges(
 
 /// The edges that two faces traverse in the same direction, in ascending order.
 fn twisted_edges(mesh: &Mesh, edge_of: &[u32], count: usize) -> Vec<usize> {
-    // The number of faces that traverse each edge from its lower to its higher vertex, and the number that traverse it in the opposite
-    // direction.
+    // For each edge, the number of faces that traverse it from the vertex with the lower index to the vertex with the higher index, and the
+    // number of faces that traverse it in the opposite direction.
     let mut runs = vec![[0u8; 2]; count];
     let mut corner = 0;
     for face in mesh.faces().iter() {
@@ -102,7 +102,7 @@ fn pinched_vertices(mesh: &Mesh) -> Vec<u32> {
     let edges = mesh.edges();
     let corners = mesh.faces().corners();
     let mut sets = UnionFind::new(corners.len());
-    // For each edge, one corner at its lower vertex and one at its higher vertex.
+    // For each edge, one corner at the end with the lower vertex index, and one corner at the other end.
     let mut known = vec![[NONE; 2]; edges.vertices.len()];
     let mut first = 0;
     for face in mesh.faces().iter() {

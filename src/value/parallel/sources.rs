@@ -7,7 +7,7 @@ use super::Parallel;
 
 /// Types that can be converted to a parallel iterator.
 pub trait IntoParallel {
-    /// The type of the items.
+    /// The parallel iterator to which the value is converted.
     type Items: Parallel;
 
     /// Converts the value to a parallel iterator.
@@ -24,7 +24,7 @@ impl<P: Parallel> IntoParallel for P {
 
 /// Parallel iteration over slices.
 pub trait ParallelSlice<T: Sync> {
-    /// The type of the items.
+    /// Returns a parallel iterator over references to the items.
     fn par_iter(&self) -> Items<'_, T>;
     /// Chunks of `size` items, the last one possibly shorter.
     ///
@@ -45,14 +45,14 @@ pub trait ParallelSlice<T: Sync> {
 
 /// Parallel mutable iteration over slices.
 pub trait ParallelSliceMut<T: Send> {
-    /// The type of the items.
+    /// Returns a parallel iterator over mutable references to the items.
     fn par_iter_mut(&mut self) -> ItemsMut<'_, T>;
     /// Chunks of `size` items, the last one possibly shorter.
     ///
     /// # Panics
     /// If `size` is 0.
     fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T>;
-    /// Chunks of at most `size` items of these rows. Each chunk comes with the range of its indices.
+    /// Chunks of at most `size` items of the given rows. Each chunk comes with the range of its indices.
     ///
     /// # Panics
     /// If a row is out of bounds, rows overlap or are not in ascending order, or `size` is 0.

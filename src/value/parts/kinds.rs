@@ -9,7 +9,7 @@ pub enum ElementKind {
     Corner,
     /// Faces of a mesh.
     Face,
-    /// Edges.
+    /// Edges of a mesh.
     Edge,
     /// Pixels of a picture or cells of a grid, row by row from the top.
     Pixel,
@@ -85,7 +85,7 @@ impl Meaning {
     const ALL: [Self; 6] =
         [Self::Position, Self::Direction, Self::Number, Self::Level, Self::Index, Self::Exact];
 
-    /// The noun for this meaning.
+    /// Returns the noun for this meaning, such as `position`.
     pub fn word(self) -> &'static str {
         match self {
             Self::Position => "position",

@@ -10,7 +10,7 @@ use super::{ParameterDirection, Surface};
 pub struct IsoCurve {
     /// The knots, which are those of the surface in the direction of the curve.
     pub knots: KnotVector,
-    /// The control points.
+    /// The control points of the curve.
     pub points: Vec<Point3<f64>>,
     /// The weights of the control points.
     pub weights: Vec<f64>,
@@ -38,7 +38,7 @@ impl Surface {
         Ok(self.with_knots(along, &self.knots(along).insert(at, times)?))
     }
 
-    /// Inserts all these knots in a direction, in any order.
+    /// Inserts all knots of the list in a direction, in any order.
     ///
     /// # Errors
     /// If a knot is not inside the domain, or its multiplicity would exceed the degree.
@@ -141,7 +141,7 @@ impl Surface {
 struct Lines<'a> {
     net: &'a ControlNet,
     along: ParameterDirection,
-    /// The number of lines.
+    /// The number of lines in the net.
     count: usize,
 }
 

@@ -7,13 +7,13 @@ use super::{Derivatives, KnotVector, Surface};
 /// The point of a surface closest to a given point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Foot {
-    /// The first parameter.
+    /// The parameter u of the closest point.
     pub u: f64,
-    /// The second parameter.
+    /// The parameter v of the closest point.
     pub v: f64,
-    /// The point.
+    /// The closest point on the surface.
     pub point: Point3<f64>,
-    /// The distance between the two points.
+    /// The distance from the given point to the closest point.
     pub distance: f64,
 }
 

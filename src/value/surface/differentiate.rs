@@ -11,15 +11,15 @@ use super::{KnotVector, Surface};
 pub struct Derivatives {
     /// The point S(u, v).
     pub point: Point3<f64>,
-    /// dS/du.
+    /// The first derivative by u, dS/du.
     pub u: Vector3<f64>,
-    /// dS/dv.
+    /// The first derivative by v, dS/dv.
     pub v: Vector3<f64>,
-    /// The second derivative by u.
+    /// The second derivative by u, d²S/du².
     pub uu: Vector3<f64>,
-    /// The mixed second derivative.
+    /// The mixed second derivative, d²S/du dv.
     pub uv: Vector3<f64>,
-    /// The second derivative by v.
+    /// The second derivative by v, d²S/dv².
     pub vv: Vector3<f64>,
 }
 

@@ -29,7 +29,7 @@ const SAFE: std::ops::Range<f64> = 1e-200..1e200;
 type Sums = [[f64; BLOCK]; 4];
 
 impl Surface {
-    /// The points at all pairs of these parameters: for each of `us` a row with all of `vs`. The points equal those of
+    /// The points at all pairs of the given parameters: for each of `us` a row with all of `vs`. The points equal those of
     /// [`point`](Self::point), with the same bits for any number of threads.
     pub fn grid(&self, us: &[f64], vs: &[f64]) -> Vec<Point3<f64>> {
         let mut points = huge_vec(us.len() * vs.len());
@@ -46,7 +46,7 @@ impl Surface {
         points
     }
 
-    /// The points and unit normals at all pairs of these parameters, in the order of [`grid`](Self::grid). The normal is zero where
+    /// The points and unit normals at all pairs of the given parameters, in the order of [`grid`](Self::grid). The normal is zero where
     /// [`normal`](Self::normal) finds none. The bits are the same for any number of threads.
     pub fn normal_grid(&self, us: &[f64], vs: &[f64]) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
         let mut points = huge_vec(us.len() * vs.len());
@@ -152,7 +152,7 @@ impl Surface {
         }
     }
 
-    /// The first stage, which contracts all rows of the net along v with these basis functions.
+    /// The first stage, which contracts all rows of the net along v with the given basis functions.
     fn lines(&self, along_v: &[Basis]) -> Lines {
         let (columns, q) = (self.net.columns(), self.v.degree());
         let len = along_v.len();

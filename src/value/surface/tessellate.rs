@@ -130,7 +130,7 @@ fn quads(rows: usize, columns: usize) -> Result<Faces, MeshError> {
     Faces::uniform(4, corners)
 }
 
-/// The distance of a point from the line through two other points. If these coincide, the distance from them.
+/// The distance of `point` from the line through `a` and `b`. If `a` and `b` coincide, the distance of `point` from `a`.
 pub(super) fn distance(point: Point3<f64>, a: Point3<f64>, b: Point3<f64>) -> f64 {
     let spoke = point - a;
     match (b - a).try_normalize(0.0) {

@@ -276,7 +276,7 @@ fn a_password_that_is_left_out_is_told() {
     }
 }
 
-/// Names that a shell, a template or an option parser would misread.
+/// Tests file names that a shell, a template or an option parser would misread.
 #[test]
 fn files_have_any_names() {
     for name in

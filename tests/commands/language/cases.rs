@@ -52,7 +52,7 @@ fn two_files_with_a_case_of_one_name_would_share_its_goldens() {
     assert!(told[0].starts_with("error[G006]: case `x` of"), "{told:?}");
     assert!(told[0].contains("one.test.ron and in") && told[0].contains("two.test.ron --> "));
     assert_eq!(told.len(), 1);
-    // A command for only one of the files also reports the conflict.
+    // If only one of the two files is checked, the conflict is also reported.
     assert_eq!(
         check_and_bless(&project, "one.test.ron"),
         [
@@ -236,7 +236,7 @@ fn a_node_that_is_renamed_takes_its_warning_along() {
     assert!(project.maquette(&["edit", "doll.ron", "rename", "none", "empty"]).status.success());
     let (code, told) = test(&[], &project);
     assert!(code == Some(0) && told.starts_with("passed"), "{told}");
-    // The warning of another node is new, whatever the name of the node is.
+    // The warning of the added node counts as new, although another node already had an equal one.
     project.save(&graph(
         "\"empty\": Merge(meshes: []), \"more\": Merge(meshes: []), \"all\": Merge(meshes: [\"empty\", \"more\"])",
     ));

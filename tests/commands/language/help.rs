@@ -22,7 +22,8 @@ fn a_topic_is_readable_text_with_samples() {
 fn without_a_word_commands_and_topics_are_listed() {
     let (text, is_known) = run_text(&["help"]);
     assert!(is_known && text == run_text(&["--help"]).0, "{text}");
-    assert!(text.contains("\n  run  ") && text.contains("\n  params      Parameters: "), "{text}");
+    assert!(text.contains("\n  run  ") && text.contains(" help TOPIC`: graph, params, "), "{text}");
+    assert!(text.lines().count() <= 45, "does not fit on one screen: {text}");
 }
 
 #[test]

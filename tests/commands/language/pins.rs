@@ -1,5 +1,4 @@
-//! Row 32 of the feature list: a pinned result replaces its node, whatever happens to the cache. A stale pin is a warning, and a pin
-//! without its bytes is an error.
+//! A pinned result replaces its node, whatever happens to the cache. A stale pin is a warning, and a pin without its bytes is an error.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -102,7 +101,7 @@ fn a_pinned_node_is_not_run_and_a_stale_pin_is_loud() {
     let why = ok(&project, &["why", "doll.ron", "skin"]);
     assert!(why.contains("`skin` does not run: its result is pinned"), "{why}");
 
-    // A run can ignore pins, and after they are removed nothing shows that they existed.
+    // A run can ignore pins. After a pin is removed, no output and no file shows that it existed.
     let (told, two_levels) = run(&project, &["--no-pins"]);
     assert!(!told.to_lowercase().contains("pinned"), "{told}");
     assert!(two_levels != one_level);
@@ -152,11 +151,11 @@ fn nodes_inside_of_uses_are_pinned_and_pins_without_a_node_are_told() {
     assert!(told.starts_with("part/big  Mesh\n"), "{told}");
     let (told, _) = run(&project, &[]);
     assert!(!told.contains("Subdivide") && told.contains("part/big"), "{told}");
-    // A node on which the pinned node depends has changed.
+    // `skin` has changed, a node on which the pinned node depends.
     project.save(&graph("2"));
     let told = ok(&project, &["check", "doll.ron"]);
     assert!(told.contains("`part/big` is pinned before `skin.levels` changed (1 -> 2)"), "{told}");
-    // Renaming the nodes on which it depends does not make the pin stale.
+    // Renaming a node on which the pinned node depends does not make the pin stale.
     project.save(&graph("1").replace("\"skin\"", "\"hull\""));
     assert!(ok(&project, &["check", "doll.ron"]).contains("0 errors\n"));
     project.save(&graph("1").replace("\"part\"", "\"piece\""));
@@ -247,7 +246,7 @@ fn what_cannot_be_pinned_is_told_with_what_can() {
     }
     let told = fails(&project, &["pin", "doll.ron", "al"]);
     assert!(told.contains("the graph has no node `al`") && told.contains("`all`"), "{told}");
-    // The pinned `all` hides the elements, so none of them is computed.
+    // The pinned node `all` collects the elements. Its result is known, so no element is computed.
     let (_, before) = run(&project, &[]);
     ok(&project, &["pin", "doll.ron", "all"]);
     let (told, after) = run(&project, &["--no-cache"]);

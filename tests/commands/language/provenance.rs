@@ -44,7 +44,7 @@ fn replay(project: &Project, name: &str) -> (String, bool) {
     (text_of(&output), output.status.success())
 }
 
-/// Returns the record in the JSON document of a GLB file.
+/// Returns the provenance record in the JSON document of a GLB file.
 fn asset(bytes: &[u8]) -> Json {
     let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
     let document: Json = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
@@ -59,7 +59,7 @@ fn every_output_is_made_again_with_the_same_bytes() {
         let (text, is_same) = replay(&project, name);
         match &name[..] {
             "scan.ptx" => assert!(text.contains("contains no provenance"), "{text}"),
-            // An STL file has room only for a hash, from which the set values cannot be found.
+            // An STL file has room only for a hash of the provenance, so the values that were set cannot be found.
             "lifted.stl" => assert!(!is_same && text.contains("only a hash"), "{text}"),
             _ => assert!(is_same && text.contains("with the same bytes"), "{name}: {text}"),
         }

@@ -136,7 +136,7 @@ fn a_watch_makes_the_rest_too_also_of_a_graph_that_was_whole() {
     assert_eq!((run.state("big"), run.state("combed")), ("computed", "skipped"), "{run:?}");
     assert!(run.problems.to_string().contains("the pack `hair` 0.3"), "{run:?}");
     let outputs = project.outputs();
-    // The output that depends on the unknown node keeps its old file.
+    // The output that depends on the unknown node cannot be computed, so its old file stays unchanged.
     assert_eq!(outputs["hair.obj"], before["hair.obj"]);
     assert_ne!(outputs["big.ply"], before["big.ply"]);
 }

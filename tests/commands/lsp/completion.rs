@@ -171,7 +171,7 @@ fn completion_bears_every_cut() {
             editor.open(path, cut);
             let found = editor.complete_at(path, cut, cut);
             asked += 1;
-            // Of the words that are at least half typed, nearly all must be among the first five completions.
+            // If at least half of a word is typed, the word must be among the first five completions in nearly all cases.
             let typed =
                 cut.chars().rev().take_while(|c| c.is_alphanumeric() || "-_.".contains(*c)).count();
             let rest = text[at..]

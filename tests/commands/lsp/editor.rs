@@ -124,7 +124,7 @@ impl Editor {
         );
     }
 
-    /// Waits for the diagnostics of this file for the text that was sent last.
+    /// Waits for the diagnostics of this file, as of the latest version that was sent to the server.
     pub(crate) fn diagnostics(&mut self, path: &Path) -> Vec<Json> {
         let start = Instant::now();
         loop {

@@ -83,7 +83,7 @@ fn apply_edit(lines: &[&str], edit: &Json, line: usize, at: u64) -> String {
     assert!(start <= at && at <= end, "{start}..{end} does not contain {at}");
     let old = lines[line];
     let (start, end) = (column(old, start), column(old, end));
-    // The edit must not remove a quote.
+    // The edit must not remove a quote, except for an escaped one inside of a string.
     let gone = &old[start..end];
     assert!(!gone.contains('"') || gone.contains('\\'), "`{gone}` is taken away");
     let new = edit["newText"].as_str().unwrap();

@@ -10,7 +10,7 @@ use serde_json::{Value as Json, json};
 use super::editor::{Editor, apply_edits, uri};
 use super::{BALL, FACE, NOSE, Place, face};
 
-/// Only a failing test waits this long.
+/// Timeout for answers; only a failing test waits this long.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A process `maquette lsp`, and the messages that it has sent.
@@ -272,7 +272,7 @@ fn a_run_ends_with_its_editor_and_with_its_server() {
     }
     fn have_ended(children: &[String]) {
         let end = Instant::now() + TIMEOUT;
-        // A process that has ended but was not waited for (a zombie) has no executable.
+        // A process has ended if its executable cannot be read. This includes zombies: processes that have ended, but were not waited for.
         while children.iter().any(|child| std::fs::read_link(Path::new(child)).is_ok()) {
             assert!(Instant::now() < end, "{children:?} still run");
             std::thread::sleep(Duration::from_millis(20));
@@ -324,7 +324,7 @@ fn files_that_change_outside_of_the_editor_are_seen() {
     let other = NOSE.replace("\"lift\"", "\"raise\"");
     check(&|| place.write("lib/nose.ron", &other), "Nose has no field `lift`");
     check(&|| std::fs::remove_file(place.path("ball.obj")).unwrap(), "there is no file `ball.obj`");
-    // The new text has the length and the modification time of the old one, as after `cp -p` or with some version control systems.
+    // The new text has the same length and modification time as the old text, as after `cp -p` or with some version control systems.
     check(
         &|| {
             let path = place.path("lib/nose.ron");
@@ -353,7 +353,7 @@ fn an_editor_gets_what_it_says_that_it_understands() {
     assert!(symbols[0]["location"]["range"].is_object() && symbols[0].get("children").is_none());
     let found = editor.ask("workspace/symbol", json!({ "query": "smth" }));
     assert_eq!(found[0]["name"], "smooth", "{found}");
-    // For this editor, code actions are commands, which ask the editor to apply the edit.
+    // This editor gets commands as code actions. When a command is executed, the server asks the editor to apply the edit.
     let whole =
         json!({ "start": { "line": 0, "character": 0 }, "end": { "line": 99, "character": 0 } });
     let asked =

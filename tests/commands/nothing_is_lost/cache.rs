@@ -81,7 +81,7 @@ fn what_others_keep_in_the_cache_folder_stays() {
         assert_eq!(project.everything_outside(), outside, "{arguments:?}");
     }
     let left = everything(&cache, &[]);
-    // What remains are the foreign files, two links and the cache tag.
+    // The foreign files, two links and the cache tag remain.
     assert_eq!(left.len(), foreign.len() + 3, "{:?}", left.keys());
 }
 

@@ -10,7 +10,7 @@ use crate::output::text_of;
 
 const HASH: &str = "0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef";
 
-/// In each folder to which the program writes, `NAMES` are foreign files whose names resemble those of the program's files.
+/// The folders to which the program writes. Each contains foreign files named `NAMES`, which resemble the names of the program's files.
 const FOLDERS: [&str; 9] = [
     ".",
     "goldens",

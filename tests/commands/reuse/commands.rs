@@ -1,19 +1,13 @@
 //! The program's commands for graphs that use other graphs.
 
 use std::path::Path;
-use std::process::{Command, Output};
 
 use expect_test::expect;
 
 use super::folder::{Folder, MOVED, graph};
+use crate::program::maquette;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
-
-fn maquette(folder: &Path, arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-    command.current_dir(folder).args(arguments).env("NO_COLOR", "1");
-    command.env("MAQUETTE_CACHE", folder.join("cache")).output().unwrap()
-}
 
 fn stdout(folder: &Folder, arguments: &[&str]) -> String {
     let output = maquette(&folder.path(""), arguments);

@@ -31,7 +31,7 @@ fn copy(from: &Path, to: &Path, graphs: &mut Vec<PathBuf>) {
     }
 }
 
-/// Copies all graphs of the project, and those of the folder beside the checkout if it exists, into a temporary project.
+/// Copies all graphs of the project, and those in `../shared/graphs` if this folder exists, into a temporary project.
 fn graphs(project: &Project) -> Vec<PathBuf> {
     let mut graphs = Vec::new();
     fs::write(project.folder().join("maquette.toml"), "").unwrap();
@@ -49,7 +49,7 @@ fn texts(list: &Json) -> Vec<&str> {
     list.as_array().unwrap().iter().map(|it| it.as_str().unwrap()).collect()
 }
 
-/// Returns the items of a list, or none if the value is not a list.
+/// Returns the items of a list, or an empty slice if the value is not a list.
 fn list(of: &Json) -> &[Json] {
     of.as_array().map_or(&[], Vec::as_slice)
 }
@@ -280,7 +280,7 @@ fn a_text_with_mistakes_has_an_outline_with_its_mistakes() {
     assert_eq!(node(1, "comment"), "");
     let paragraphs: Vec<_> = nodes.iter().map(|node| node["paragraph"].clone()).collect();
     assert_eq!(paragraphs, [0, 0, 1]);
-    // Of a node of unknown type, only what the text contains is known.
+    // For a node of an unknown type, the outline contains only the facts in the text.
     assert_eq!((node(1, "type"), node(1, "ports")), (json!("Oddity"), json!([])));
     assert_eq!(links(&nodes[1]), [("mesh".into(), "fine".into())]);
     assert_eq!(node(1, "outputs"), json!([{ "name": "thing", "type": null }]));

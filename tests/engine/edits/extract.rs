@@ -122,8 +122,8 @@ fn nodes_go_with_their_comments_and_what_they_need() {
             format: 1,
             doc: "A part of graph.ron.",
             inputs: {
-                "color": Image(doc: "What `scan.color` gives."),
-                "range": RangeImage(doc: "What `scan.range` gives."),
+                "color": Image(doc: "The value of `scan.color`."),
+                "range": RangeImage(doc: "The value of `scan.range`."),
             },
             params: {
                 "eye-step": Number(default: 12.0, min: 0.0, unit: "mm", doc: "How far."),
@@ -157,8 +157,8 @@ fn a_use_goes_along_with_its_type_and_comes_back() {
             doc: "A part of graph.ron.",
             use: { "Skin": "../skin.ron" },
             inputs: {
-                "color": Image(doc: "What `scan.color` gives."),
-                "range": RangeImage(doc: "What `scan.range` gives."),
+                "color": Image(doc: "The value of `scan.color`."),
+                "range": RangeImage(doc: "The value of `scan.range`."),
             },
             nodes: {
                 "skin": Skin(color: "color", range: "range"),
@@ -291,7 +291,7 @@ fn paths_lead_to_the_same_files_whatever_they_go_through() {
         back.map(|back| back.text).map_err(|problems| diagnostics_text(&problems)),
         Ok(text.to_owned())
     );
-    // The use gives its parameter another value or leaves it out.
+    // The use of the new graph may also give the parameter `last` another value, or leave it out.
     let other = done.edited.text.replace("Param(\"last\")", "\"other/x.obj\"");
     fn inline_text(text: &str, path: &Path, options: &Options) -> String {
         let done = maquette::edit::inline(path, text, "new", catalog(), options);
@@ -339,7 +339,7 @@ fn inputs_that_may_be_left_out_may_be_left_out_of_the_new_graph() {
                 doc: "A part of graph.ron.",
                 inputs: {
                     "mesh": Mesh(doc: "What is copied."),
-                    "copy": Mesh(doc: "What `copy` gives."),
+                    "copy": Mesh(doc: "The value of `copy`."),
                     "plate": Optional(Mesh(doc: "What it stands on; it may be left out.")),
                 },
                 nodes: {

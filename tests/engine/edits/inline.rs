@@ -259,7 +259,8 @@ fn what_nodes_alone_cannot_say_is_refused() {
     let promises =
         LIFT.replace("    expect:", "    promises: { \"mesh\": [Closed] },\n    expect:");
     all.push(inline_error(&text, &promises, "up"));
-    // As a value of `height`, the plain number 7 is in centimeters, but in the node of the used graph it would be in millimeters.
+    // These uses cannot be inlined. The plain number 7 is in centimeters as a value of `height`, but would be in millimeters in the node of
+    // the used graph.
     let params = "    params: { \"far\": Number(default: 7.0) },\n";
     let far = "        \"up\": Lift(mesh: \"mesh\", height: Param(\"far\")),\n";
     all.push(inline_error(&outer(params, far, OUTPUTS), LIFT, "up"));
@@ -291,7 +292,7 @@ fn what_nodes_alone_cannot_say_is_refused() {
         G012 graph.ron:6:9 `/lib/lift.ron` is a patch, which has no nodes of its own (use the graph that it is `of`, with its values)"#]].assert_eq(&all.join("\n"));
 }
 
-/// Each use of a graph in any graph of the project can be inlined, or is refused for a reason.
+/// Inlines each use of a graph in all graphs of the project. A use may be refused only for a known reason.
 #[test]
 fn uses_of_all_graphs_give_way_to_their_nodes() {
     let options = Options { files: Files::Ignored, ..Options::default() };

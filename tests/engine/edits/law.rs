@@ -22,7 +22,7 @@ const EDITS: u32 = 20;
 /// Number of edits in a sequence; each sequence begins with the original graph.
 const WALK: usize = 8;
 
-/// Returns all graphs of the project, and the graphs of the folder beside the checkout if it exists.
+/// Returns all graphs of the project, and those in `../shared/graphs` beside the project if this folder exists.
 pub(super) fn graphs() -> Vec<(PathBuf, String)> {
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
     let folders = [own].into_iter().chain(shared_folder("graphs"));
@@ -84,7 +84,8 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
             }
         }
         1 => {
-            // Half of the time, remove a node that no other node needs.
+            // Half of the time, removes a node that no other node needs. `is_needed` returns true if a link of the graph refers to the node
+            // `name`.
             fn is_needed(name: &str, sketch_links: &[(String, String)]) -> bool {
                 fn is_it(link: &str, name: &str) -> bool {
                     link.split('.').next() == Some(name)
@@ -110,7 +111,7 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
         3 if sketch.links.is_empty() => Edit::Unlink { port: "nothing.at-all".into() },
         3 => {
             let (port, _) = a.get(&sketch.links);
-            // Ports with the same field name mostly have the same type, so their links fit.
+            // Two ports with the same field name mostly have the same type. So the link of one port mostly fits the other port.
             fn field(port: &str) -> Option<String> {
                 port.split('.').nth(1).map(str::to_owned)
             }
@@ -198,7 +199,7 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &EditedText) -> Result<(),
     holds!(edited.before == old, "the old text is another one");
     let known = problems(path, old);
     let found = problems(path, new);
-    // After renaming, a known diagnostic may mention the new name, so only its code is compared.
+    // After a rename, the message of a known diagnostic may contain the new name, so only the codes of diagnostics are compared.
     let renames = matches!(edit, Edit::Rename { .. }) && found.len() <= known.len();
     let is_known = |(code, message): &(&str, String)| {
         known.iter().any(|known| known.0 == *code && (renames || known.1 == *message))
@@ -233,7 +234,7 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &EditedText) -> Result<(),
             }
         }
     }
-    // Entries on lines of their own stay in canonical form.
+    // An edit of nodes in a graph in canonical form must give a graph in canonical form, if each entry is on a line of its own.
     fn form(text: &str, path: &Path) -> Option<String> {
         maquette::edit::format_text(path, text).ok()
     }
@@ -269,7 +270,7 @@ fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), Tes
     fn is_expected(found: &&Difference, old: &str) -> bool {
         found.field == "expect" && old.contains("expect:")
     }
-    // The promises of an output are removed or renamed with it.
+    // If an edit removes or renames an output, the promises of this output change, too.
     let outputs_go = matches!(edit, Edit::Remove { .. } | Edit::Rename { .. });
     let is_promised =
         |found: &&Difference| outputs_go && found.field == "promises" && old.contains("promises:");
@@ -393,7 +394,7 @@ fn a_random_edit_does_what_it_says_and_nothing_else_or_is_refused() {
         let mut runner = TestRunner::new_with_rng(config, rng);
         runner.run(&walk, |steps| follow(path, text, &steps, &counts)).err()
     });
-    // Only the part with the failing edit is shown; proptest's minimal input after it only repeats the steps that led to the text.
+    // Shows only the part of a message with the failing edit. The part after `minimal failing` only repeats the steps that led to the text.
     fn short_failure(failure: String) -> Option<String> {
         failure.split("minimal failing").next().map(str::to_owned)
     }

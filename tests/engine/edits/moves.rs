@@ -60,7 +60,7 @@ fn is_run(sketch: &Sketch, nodes: &[String]) -> bool {
 }
 
 /// Returns a text in canonical form in which each link has one spelling. A link to the first output of a node may be written as
-/// `node.output` or `node`; the latter is used for all `outputs`.
+/// `node.output` or as `node`. For each link in `outputs`, this function uses `node`.
 fn one_spelling(path: &Path, text: &str, outputs: &BTreeSet<String>) -> String {
     let mut text = maquette::edit::format_text(path, text).unwrap();
     for output in outputs {
@@ -110,8 +110,8 @@ fn judge(path: &Path, text: &str, nodes: &[String], new: &ExtractedGraph) -> Res
         maquette::edit::format_text(path, text).unwrap()
     }
     holds(form(&new.text, path) == new.text, format!("the new graph has no form:\n{}", texts()))?;
-    // Links to the new node are longer than before, so other entries may no longer fit on one line. Therefore only the entry of the new
-    // node must have canonical form.
+    // Links to the new node are longer than the links that they replace, so entries with such links may no longer fit on one line.
+    // Therefore only the entry of the new node must have canonical form.
     fn own_text(text: &str, name: &str, kind: &str) -> (usize, String) {
         let start = text.find(&format!("        \"{name}\": {kind}(")).unwrap();
         let first = text[start..].lines().next().unwrap();

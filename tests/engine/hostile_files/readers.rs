@@ -8,7 +8,7 @@ use maquette::rng::Random;
 use maquette::value::{Mesh, Points};
 use maquette::{InputFile, Value};
 
-/// A reader; its result is ignored.
+/// A reader of files. The value that it reads is dropped: the tests only check that it neither panics, hangs nor uses much memory.
 pub(crate) struct Reader {
     /// The file format and the type of the value that is read.
     pub(crate) name: &'static str,
@@ -51,12 +51,12 @@ const SCENE: &[u8] = br#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"
     "indices": {"bufferView": 1, "componentType": 5121}, "values": {"bufferView": 0}}},
     {"bufferView": 1, "byteOffset": 0, "componentType": 5126, "count": 3, "type": "VEC2"}]}"#;
 
-/// Reads bytes as a file of this name. Each file that it refers to has these bytes, too.
+/// Reads bytes as a file of this name. If the file refers to other files, each of them has the same bytes.
 fn by_name<T: Value>(name: &str, bytes: &[u8]) {
     drop(maquette::format::read::<T>(&InputFile::new(name, bytes, &|_| Ok(bytes.into()))));
 }
 
-/// All readers.
+/// All readers of files.
 pub(crate) const READERS: &[Reader] = &[
     Reader {
         name: "abs",
@@ -163,8 +163,8 @@ pub(crate) const READERS: &[Reader] = &[
     Reader { name: "xyz", read: |bytes| drop(xyz::read(bytes)), seeds: seeds!("points.xyz") },
 ];
 
-/// Returns the file with the checksums of its pages corrected, because readers would otherwise refuse most damage at once. Each is a
-/// CRC-32C of 1020 bytes, big-endian.
+/// Returns the file with corrected checksums of its pages; readers would otherwise refuse most damaged files at once. Each checksum is the
+/// CRC-32C of the 1020 bytes before it, big-endian.
 fn seal(bytes: &[u8]) -> Vec<u8> {
     const PAGE: usize = 1024;
     let mut file = bytes.to_vec();
@@ -184,7 +184,7 @@ fn eight_by_six() -> Option<CameraFile> {
     camera::read(br#"{"fx": 10, "fy": 10, "cx": 3.5, "cy": 2.5}"#).ok()
 }
 
-/// Damages a valid file of the reader; `case` determines the result.
+/// Damages a valid file of the reader. `case` is the seed of the random changes.
 pub(crate) fn spoil(reader: &Reader, case: u64) -> Vec<u8> {
     let mut random = Random(case);
     let mut file = random.pick(reader.seeds).to_vec();

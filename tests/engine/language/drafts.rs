@@ -1,4 +1,4 @@
-//! Row 39 of the feature list: any parameter may have the value `Draft(final: .., draft: ..)`, and a final run never uses a draft result.
+//! Any parameter may have the value `Draft(final: .., draft: ..)`, and a final run never uses a draft result.
 
 use std::path::{Path, PathBuf};
 
@@ -55,7 +55,8 @@ fn a_final_run_never_reads_what_a_draft_gave() {
     fn is_computed(states: &[(String, State)], name: &str) -> bool {
         states.iter().any(|(known, state)| known == name && *state == State::Computed)
     }
-    // The node that no draft value affects was computed in the first run and is cached in the second; all other nodes are computed again.
+    // `plain` is the only node that no draft value affects. It was computed in the first run and is cached in the second; all other nodes
+    // are computed again.
     assert!(is_computed(&draft.2, "plain") && !is_computed(&last.2, "plain"));
     assert!(is_computed(&last.2, "skin") && is_computed(&last.2, "moved"));
     // Each mode finds its own results again. A session that never ran in draft mode gives the same final result.
@@ -170,7 +171,7 @@ fn a_draft_of_what_is_left_out_keeps_the_default_as_the_final_value() {
         ("moved.rotate", "(0, 0, 90)", "rotate: Draft(final: (0.0, 0.0, 0.0), draft: (0, 0, 90))"),
         ("red.invert", "true", "invert: Draft(final: false, draft: true)"),
         ("red.select.distance", "5", "distance: Draft(final: 15.0, draft: 5)"),
-        // For a used graph, the final value is the default of its parameter.
+        // If a value in a use of a graph is set for drafts, its final value is the default of the used graph's parameter.
         ("fine.steps", "0", "steps: Draft(final: 3, draft: 0)"),
         ("all.with.steps", "0", "steps: Draft(final: 3, draft: 0)"),
         ("all/1.steps", "0", "[(steps: Draft(final: 3, draft: 0)), (steps: 2)]"),

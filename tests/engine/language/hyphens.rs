@@ -29,7 +29,7 @@ const USING: &str = r#"Graph(
     outputs: { "a.ply": "all" },
 )"#;
 
-/// Removes the hyphens from names, and the underscores from the corresponding fields.
+/// Removes the hyphens from the names in a text, and the underscores from the fields that correspond to these names.
 fn underscore_names(text: &str) -> String {
     let names = [("the-mesh", "the_mesh"), ("other-one", "other_one"), ("eye-step", "eye_step")];
     names.iter().fold(text.to_owned(), |text, (name, field)| {

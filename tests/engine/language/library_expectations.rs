@@ -129,7 +129,7 @@ fn each_element_of_data_is_judged_and_its_example_is_not() {
     let of_the_second =
         expected.map(|it| format!("graph.ron:4 G020 {}", it.replace("`a.", "`caps/2.")));
     assert_eq!(told, of_the_second);
-    // If the `ForEach` has no elements, nothing is checked, not even the value that stands in for an element.
+    // If a `ForEach` has no elements, nothing is checked, not even the placeholder that is used in place of an element.
     std::fs::write(project.path("closed.obj"), "").unwrap();
     std::fs::write(project.path("open.obj"), "").unwrap();
     assert!(!project.run_messages(Targets::Outputs).iter().any(|told| told.contains("G020")));

@@ -1,5 +1,4 @@
-//! Rows 21, 27, 55 and 67 of the feature list: a node that needs too much memory is refused before it starts, a node that fits later waits,
-//! and a node that does not stop is reported.
+//! A node that needs too much memory is refused before it starts, a node that fits later waits, and a node that does not stop is reported.
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -158,7 +157,7 @@ fn what_nobody_needs_makes_way_before_anything_is_refused() {
 #[test]
 fn values_that_nodes_still_need_count() {
     let _alone = ALONE.lock();
-    // `first` is needed until its dependents end, so there is never enough memory for `second`.
+    // The result of `first` must stay in memory until its dependents end, so there is never enough memory for `second`.
     let graph = graph(
         r#""first": Hold(kb: 700), "second": Hold(kb: 700, seed: 1, after: "first"), "last": Hold(kb: 1, after: "second")"#,
     );
@@ -171,7 +170,7 @@ fn values_that_nodes_still_need_count() {
     assert!(message.contains("would need 700 kB, 700 kB are held already"), "{message}");
 }
 
-/// Records the nodes that are reported as not stopping, and the times of the reports.
+/// An observer that records which nodes are reported as not stopping, and the times of the reports.
 struct Listening {
     cancel: CancelToken,
     began: Mutex<Option<Instant>>,

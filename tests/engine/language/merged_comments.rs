@@ -83,7 +83,7 @@ fn add_comment(text: &str, word: &str, [what, place, form]: &[Index; 3]) -> Stri
     format!("{}{comment}{}", &text[..at], &text[at..])
 }
 
-/// States what a random edit leaves unchanged.
+/// The parts of a text that a random edit leaves unchanged.
 #[derive(Clone, Copy, PartialEq)]
 enum Leaves {
     /// All comments stay at their positions, so merging must not cause a conflict.
@@ -102,7 +102,7 @@ fn edit_randomly(
     catalog: &Catalog,
 ) -> (String, Leaves) {
     let pieces = pieces(text);
-    // The number of the field `format` must not change.
+    // Any number may be changed, except for the value of the field `format`.
     let is_free =
         |it: &&(Piece, usize, usize)| it.0 == Piece::Number && !text[..it.1].ends_with("format: ");
     let numbers: Vec<_> = pieces.iter().filter(is_free).collect();

@@ -3,7 +3,7 @@
 
 use maquette::{Catalog, Files, Graph, Merge, Options, Source};
 
-/// A shortened version of the doll's graph.
+/// A shortened version of the example graph `doll.ron`.
 const BASE: &str = r##"// A doll's nose, grown from one scan.
 Graph(
     format: 1,
@@ -184,7 +184,8 @@ fn what_both_mean_is_the_same_whoever_merges() {
         let (ours, theirs) = (replace_each(BASE, by_us), replace_each(BASE, by_them));
         let (one, other) = (merge(BASE, &ours, &theirs), merge(BASE, &theirs, &ours));
         assert_eq!(one.conflicts, other.conflicts, "{name}");
-        // The order of expectations has no effect, but it is kept as written. So the two merged texts may differ in it.
+        // Merging keeps expectations in their written order. The order has no effect, but the two merged texts may differ in it, so cases
+        // of expectations are not compared here.
         if one.conflicts.is_empty() && !name.starts_with("expectations") {
             let found = Graph::differences(&source(one.text), &source(other.text), &catalog);
             assert_eq!(found, Ok(vec![]), "{name}");
@@ -266,12 +267,13 @@ fn an_expression_that_both_together_would_turn_into_another_is_a_conflict() {
         assert_eq!(place, "\"growth-levels\"", "{}", merged.text);
         assert_eq!(merged.text.matches(FAR).count(), 1, "{}", merged.text);
     }
-    // With spaces the expression is a difference and cannot be read as the new name. `growth*levels` does not contain the new name.
+    // With spaces, `growth - levels` is a difference of two parameters and not the new name `growth-levels`. `growth*levels` does not
+    // contain the new name at all. So there is no conflict.
     for other in ["growth - levels", "growth*levels"] {
         let theirs = replace_each(BASE, &[(FAR, &format!("distance: Expr(\"{other}\")"))]);
         assert_eq!(merge(BASE, &ours, &theirs).conflicts, [""; 0]);
     }
-    // One side made both changes, so they are intended.
+    // If one side both adds the parameter `growth-levels` and uses it in an expression, this is intended and not a conflict.
     let both = replace_each(&ours, &[(FAR, "distance: Expr(\"growth-levels\")")]);
     let theirs = replace_each(BASE, &[(EIGHT, "connectivity: Four")]);
     assert_eq!(merge(BASE, &both, &theirs).conflicts, [""; 0]);
@@ -388,7 +390,7 @@ fn a_new_name_that_the_other_side_gave_to_something_new_is_a_conflict() {
         assert!(!merged.conflicts.is_empty(), "{}", merged.text);
         assert!(merged.text.contains("<<<<<<< ours") && merged.text.contains("distance: 9.0"));
     }
-    // Each side used the same new name for a different thing.
+    // Both sides use the new name `blue`, but for different items. This is a conflict if both items are nodes.
     let theirs = BASE.replace("\"spots\"", "\"blue\"");
     assert!(!merge(BASE, &ours, &theirs).conflicts.is_empty());
     let theirs = BASE.replace("\"growth\"", "\"blue\"");

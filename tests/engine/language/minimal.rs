@@ -188,7 +188,7 @@ fn no_difference_is_told_and_no_gap_is_left_where_defaults_were() {
         Graph::differences(&source(old, path), &source(new, path), catalog).unwrap()
     }
     assert_eq!(differences(TEXT, &short, &path, &catalog), []);
-    // A default value stays if it overrides, for one element, the value given `with` all elements.
+    // A default value in an element is not removed if it overrides a value that `with` sets for all elements.
     let with = TEXT.replace("with: (translate: (0, 0, 0))", "with: (rotate: (0, 0, 9))");
     let told = differences(&with, &minimal(&path, &with, &catalog), &path, &catalog);
     assert_eq!(told, []);

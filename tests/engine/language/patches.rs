@@ -94,12 +94,12 @@ fn a_path_is_relative_to_the_file_in_which_it_is_written() {
     {
         let patch = project.patch(patch);
         assert_eq!(faces(&patch, &[]), 2, "{}", patch.display());
-        // If another patch in another folder is based on this patch, the path stays relative to this patch.
+        // `outer.ron` is a patch of this patch, in another folder. The path stays relative to the file in which it is written.
         project
             .write("outer.ron", "Patch(format: 1, of: \"sub/patch.ron\", params: { \"far\": 2 })");
         assert_eq!(faces(&project.path("outer.ron"), &[]), 2);
     }
-    // Values that the patch does not change are those of the graph.
+    // Values that the patch does not set are those of the graph.
     assert_eq!(faces(&project.patch("params: { \"far\": 2 }"), &[]), 3);
 }
 
@@ -110,7 +110,7 @@ fn a_path_that_is_set_is_relative_to_the_file_that_was_named() {
         for patch in
             ["nodes: { \"a\": (path: \"three.obj\") }", "params: { \"file\": \"three.obj\" }", ""]
         {
-            // The patch replaces the field, so setting the parameter has no effect.
+            // The patch sets the field `path` directly, so the parameter `file` has no effect.
             if target == "file" && patch.contains("path") {
                 continue;
             }

@@ -1,4 +1,5 @@
-//! Ports want properties of values, and outputs promise them. A wanted property that is not promised is tested before the node runs.
+//! Properties of values, such as `Closed`: ports want them, and outputs promise them. A wanted property that is not promised is tested
+//! before the node runs.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -100,8 +101,8 @@ fn an_input_says_what_it_wants_and_an_output_what_it_promises() {
                     edge 0-3, edge 2-3; the first is at (0, 0.5, 0)) (this is required at lib.ron:3:48; \
                     `maquette inspect graph.ron mesh --out look.png` lists and marks them)";
     assert_eq!(told.run(), [expected]);
-    // The used graph does not want a closed input anymore, so its promise does not follow from its nodes. Then the value is tested at the
-    // use.
+    // The used graph no longer wants a closed input, so its promise of a closed output does not follow from its nodes. Therefore the output
+    // is tested where the graph is used.
     let careless = LIB.replace(", wants: [Closed]", "");
     std::fs::write(told.path("lib.ron"), careless).unwrap();
     let expected = "graph.ron:2 G020 expected Closed, but `out.moved` has 3 edges with one face (edge 0-2, edge 0-3, edge 2-3; the first \
@@ -257,7 +258,7 @@ impl Value for Beads {
     }
 }
 
-/// Makes beads.
+/// Makes beads, which are strung if requested.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Bead {
     /// The number of beads.
@@ -279,12 +280,12 @@ impl Node for Bead {
     }
 }
 
-/// Uses beads.
+/// Passes on beads that must be strung.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Wear {
     /// The beads.
     beads: In<Beads>,
-    /// The owner.
+    /// A number that gives each node its own key.
     who: u8,
 }
 
@@ -326,7 +327,7 @@ fn what_is_promised_is_not_tested_and_the_rest_once_per_value() {
     }
     let chain = r#""a": Wear(beads: "bead", who: 1), "b": Wear(beads: "a", who: 2)"#;
     assert_eq!(run(&format!("{}{chain}", bead(1, true)), &catalog, &mut evaluator), (0, vec![]));
-    // `a` promises the property if its input has it, so the input of `b` is not tested again.
+    // The output of `a` is strung if its input is, which has just been tested. So the input of `b` is not tested again.
     assert_eq!(run(&format!("{}{chain}", bead(2, false)), &catalog, &mut evaluator), (1, vec![]));
     assert_eq!(
         run(

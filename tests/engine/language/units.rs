@@ -78,7 +78,7 @@ fn check_same(folder: &TempDir, graphs: [&Graph; 2]) {
     for (index, graph) in graphs.into_iter().enumerate() {
         let run =
             session.run(graph, &Run { targets: Targets::Everything, ..Run::default() }).unwrap();
-        // Filling the holes of a sphere causes a warning, since it has none; only errors count.
+        // A sphere has no holes, so filling them causes a warning. Only errors count here.
         let wrong = run.diagnostics().into_iter().find(|it| it.severity == Severity::Error);
         assert_eq!(wrong, None);
         let computed = computed_nodes(&run.trace());
@@ -100,7 +100,7 @@ fn a_number_with_a_unit_has_the_key_of_the_plain_number_in_the_fields_unit() {
         r#""out": Transform(mesh: "ball", translate: (cm(1.13), m(0.0123), inch(-0.1)), rotate: (0, 0, rad(3.141592653589793)))"#,
         r#""out": Transform(mesh: "ball", translate: (11.3, 12.3, -2.54), rotate: (0, 0, 180))"#,
     );
-    // Numbers with units inside of variants, lists of groups, lists of lists, and `Some`.
+    // Units are also converted inside of variants, lists of groups, lists of lists, and `Some`.
     check_nodes(
         r#""out": FillHoles(mesh: "ball", holes: Region(Ball(at: (cm(1), 0, 0), radius: cm(0.2))))"#,
         r#""out": FillHoles(mesh: "ball", holes: Region(Ball(at: (10, 0, 0), radius: 2)))"#,
@@ -322,7 +322,7 @@ fn a_difference_is_shown_as_it_is_written_and_another_unit_for_the_same_is_none(
             "node out: changed translate.1: cm(3) -> cm(4)",
         ]
     );
-    // The replaced value is reported as a whole tuple, too.
+    // If a field is removed, the report shows its whole tuple.
     let bare = first_text().replace("rotate: (0, 0, deg(5))", "pivot: 1");
     let gone = difference_texts(first_text(), bare);
     assert!(

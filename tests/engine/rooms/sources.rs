@@ -51,7 +51,7 @@ struct Token {
     line: usize,
 }
 
-/// What a path refers to, by the index of a module: the module itself, or an item in it.
+/// The target of a path, given by the index of a module: the module itself, or an item in it.
 enum Resolution {
     Module(usize),
     Item(usize),
@@ -186,7 +186,7 @@ impl Sources {
         let mut found = BTreeSet::new();
         for (index, module) in self.modules.iter().enumerate() {
             for mention in module.paths.iter().filter(|mention| wanted(module, mention)) {
-                // The path begins with an imported type, whose import already counts as the dependency.
+                // Skips a path that begins with an imported type: the import already counts as the dependency.
                 let first = module.uses.get(&mention.path[0]);
                 let is_told = mention.kind == Kind::Inline
                     && first.is_some_and(|path| {
@@ -195,7 +195,7 @@ impl Sources {
                 if is_told {
                     continue;
                 }
-                // A path to a module does not count by itself; the paths to items in that module count.
+                // A path to a module is not a dependency by itself; the paths to items in the module are.
                 let Some(Resolution::Item(to)) = self.resolve(index, &mention.path, false, 0)
                 else {
                     continue;
@@ -269,7 +269,7 @@ impl Sources {
 }
 
 impl Module {
-    /// Returns true if the file contains only `mod` and `use`.
+    /// Returns true if the file defines no items: it contains only `mod` and `use`.
     fn only_hands_on(&self) -> bool {
         self.items.is_empty()
     }

@@ -136,7 +136,8 @@ impl Table {
     }
 }
 
-/// Returns the number of vertices, and the largest distance of the subdivided points and of the limit points.
+/// Compares our points with those of the program `oracle`. Returns the number of vertices, and the largest distances of the subdivided
+/// points and of the limit points.
 fn compare(oracle: &Path, mesh: &Mesh, how: Subdivision) -> (usize, [f64; 2]) {
     let folder = std::env::temp_dir();
     let [input, output] = ["in", "out"]
@@ -153,8 +154,8 @@ fn compare(oracle: &Path, mesh: &Mesh, how: Subdivision) -> (usize, [f64; 2]) {
     let ours = subdivide(mesh, how).expect("a surface");
     assert_eq!(ours.positions().len(), count);
     let mut errors = [distance(ours.positions(), &points[..count]) / scale, 0.0];
-    // Limit points are compared only if all creases last: OpenSubdiv does not move vertices inside of two faces to the limit, and has no
-    // limit for semi-sharp vertices.
+    // Limit points are compared only if no crease is semi-sharp after these levels: each is infinitely sharp (10 or more) or already
+    // smooth. OpenSubdiv has no limit for semi-sharp vertices. It also does not move inner vertices with only two faces to the limit.
     let lasting =
         |(_, sharpness): ([u32; 2], f64)| sharpness >= 10.0 || sharpness <= f64::from(how.levels);
     if points.len() > count && mesh.creases().all(lasting) && how.creases == Creases::OpenSubdiv {
@@ -333,7 +334,8 @@ fn join_triangles(a: &[u32], b: &[u32]) -> Option<Vec<u32>> {
     }
     let k = (0..a.len()).find(|&k| b.contains(&a[k]) && b.contains(&a[(k + 1) % a.len()]))?;
     let l = b.iter().position(|&v| v == a[k])?;
-    // The vertices of face `a` from the end of the shared edge around to its start, then those of face `b` between the two.
+    // The new face has the vertices of face `a` from the end of the shared edge around to its start, and then the vertices of face `b`
+    // between those two.
     let first = (1..=a.len()).map(|j| a[(k + j) % a.len()]);
     let second = (1..b.len() - 1).map(|j| b[(l + j) % b.len()]);
     (b[(l + b.len() - 1) % b.len()] == a[(k + 1) % a.len()]).then(|| first.chain(second).collect())
@@ -350,9 +352,8 @@ fn has_inner_valence_2(mesh: &Mesh) -> bool {
 
 /// Makes a few edges infinitely sharp, and others semi-sharp.
 ///
-/// OpenSubdiv stores sharpness in single precision, where the mean of three numbers is not exact, and a rule may depend on whether the
-/// sharpness is slightly above 0. Therefore all creases of a mesh have the same fractional part, and at most two semi-sharp creases meet at
-/// a vertex.
+/// OpenSubdiv stores sharpness in single precision, so a mean of three sharpnesses is not exact. A rule may depend on whether such a mean
+/// is slightly above 0. Therefore all creases of a mesh have the same fractional part, and at most two semi-sharp creases meet at a vertex.
 fn with_creases(mesh: Mesh, random: &mut Random) -> Mesh {
     let mut soft = vec![0; mesh.positions().len()];
     let fraction = random.next_below(8) as f64 / 8.0;

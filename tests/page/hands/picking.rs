@@ -151,7 +151,7 @@ fn the_pointer_is_told_the_face_the_vertex_and_the_place_of_what_is_drawn_under_
     served.watch.end();
 }
 
-/// Returns true if the pixels around a position of the canvas differ from the background. Returns `None` if only some of them do.
+/// Returns true if all pixels around a position of the canvas differ from the background, false if none does, and `None` if only some do.
 fn is_drawn(browser: &mut Browser, picture: &Json, x: f64, y: f64) -> Option<bool> {
     // The background is constant along each row, so each pixel is compared with the first pixel of its row.
     let asked = format!(
@@ -165,7 +165,7 @@ fn is_drawn(browser: &mut Browser, picture: &Json, x: f64, y: f64) -> Option<boo
     browser.ask(&asked).as_bool()
 }
 
-/// Opens a page of a doll that has a color, a pixel and a position among its parameters.
+/// Opens a page of the example graph `doll.ron` with a color, a pixel and a position among its parameters.
 fn picky() -> Option<(Project, Server, Browser)> {
     let project = Project::doll();
     let text = project.doll_text(12.0).replace(
@@ -254,7 +254,7 @@ fn a_pick_is_given_up_with_escape_and_where_there_is_nothing_that_is_said() {
     want(&mut browser, "hue");
     click(&mut browser, [left + width / 2.0, top + height / 2.0]);
     browser.wait(&format!("{refused}.includes('there is no color')"));
-    // Picking continues after a miss, because the user may have to search. The area beside a picture has no color, either.
+    // A click beside the picture finds no color, either. Picking continues after such a miss, because the user may have to search.
     look(&mut browser, "scan", "color");
     browser.ask("document.querySelector('#refused').textContent = ''");
     click(&mut browser, [left + 3.0, top + height / 2.0]);

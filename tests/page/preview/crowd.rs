@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Number of connections, above the default limit of open files.
+/// The number of connections that are opened. It is larger than the default limit of open files.
 const MANY: usize = 1100;
 
 /// Raises the limit of open files of this process. The watch keeps the default limit.

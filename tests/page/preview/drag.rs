@@ -39,12 +39,12 @@ fn a_drag_evaluates_what_is_looked_at_and_writes_nothing() {
     page.set("growth", 31.5);
     assert!(!page.wait_live(&last));
     let events = served.watch.events_until("run");
-    // The results that the saved value depends on are available, at least on disk, so nothing else is computed.
+    // All results on which `raised` depends are available, at least on disk, so only `raised` is computed.
     let started = events.iter().filter(|event| event["event"] == "started");
     let started: Vec<_> = started.map(|event| event["node"].as_str().unwrap()).collect();
     assert!(started.iter().all(|&node| node == "raised"), "{events:?}");
     assert!((1..=20).contains(&started.len()), "{events:?}");
-    // The run for the outputs computes only nodes that the view did not need.
+    // The run that writes the outputs computes only those nodes that the viewed value does not need.
     let run = served.watch.run_until_ok();
     assert_eq!((run.state("raised"), run.state("blended")), ("cached", "computed"));
     page.wait("done");
@@ -57,7 +57,8 @@ fn a_drag_evaluates_what_is_looked_at_and_writes_nothing() {
 #[test]
 fn a_run_after_a_drag_computes_nothing_again_in_this_process_and_in_the_next() {
     let (project, mut served, mut page, first) = looking_at("model", "mesh");
-    // The drag continues until an intermediate value arrives, though a value takes longer to compute than the time between two moves.
+    // A value takes longer to compute than the time between two moves. Nevertheless, intermediate values arrive during the drag, which ends
+    // after three of them.
     let (mut growth, mut seen) = (12.0, Vec::new());
     page.0.get_mut().0.set_read_timeout(Some(Duration::from_millis(10))).unwrap();
     while seen.len() < 3 {

@@ -62,7 +62,7 @@ fn a_probe_says_what_inspect_says() {
     served.watch.end();
 }
 
-/// Computes the doll's graph in this process and returns the mesh of a node.
+/// Computes the example graph `doll.ron` in this process and returns the mesh of a node.
 pub(crate) fn mesh_of(project: &Project, node: &str) -> Mesh {
     let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory()).unwrap();
     let graph = session.load(&project.graph(), &Options::default()).graph.unwrap();

@@ -68,7 +68,7 @@ pub struct GimpPalette;
 /// The error if a file is not a valid palette file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GimpPaletteError {
-    /// The file has another format.
+    /// The file does not begin with the line `GIMP Palette`.
     #[error("line 1: a palette file begins with `GIMP Palette`")]
     Start,
     /// A line does not contain a color.

@@ -13,7 +13,7 @@ pub(super) struct Front {
 }
 
 impl Front {
-    /// Creates a zero matrix.
+    /// Creates a zero matrix with `height` rows and columns.
     pub(super) fn new(height: usize) -> Self {
         Self { height, entries: vec![0.0; height * height], skipped: 0 }
     }

@@ -57,7 +57,7 @@ fn spiky() -> Mesh {
     mesh.with_positions(positions).unwrap()
 }
 
-/// A very thin box.
+/// Creates a very thin box.
 fn plate() -> Mesh {
     let mesh = refine_mesh(&cube(), Scheme::CatmullClark, 2, false);
     let flat = mesh.positions().iter().map(|p| Point3::new(p.x, p.y, 0.02 * p.z));

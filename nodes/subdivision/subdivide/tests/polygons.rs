@@ -210,7 +210,7 @@ fn the_border_of_doo_and_sabin_is_a_quadratic_spline_of_its_edges() {
     let [left, middle, right] = [1, 2, 3].map(|k| mesh.positions()[k].coords);
     let expected = (left + 6.0 * middle + right) / 8.0;
     assert!((limit.positions()[2].coords - expected).norm() < 1e-15);
-    // Chaikin's curve touches its limit at the midpoint of each edge.
+    // Chaikin's curve passes through the midpoints of its control edges. So the limit point is the midpoint of an edge of the refined mesh.
     let once = refine(&mesh, Scheme::DooSabin, 1);
     let (edges, points) = (once.edges(), once.positions());
     let middles = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);

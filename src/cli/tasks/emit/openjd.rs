@@ -5,7 +5,8 @@ use serde_json::{Value as Json, json};
 use super::Handover;
 
 impl Handover<'_> {
-    /// Returns the job template. The project folder is a job parameter, because the tasks run in other folders, the sessions' own.
+    /// Returns the job template. The project folder is a job parameter, because each session of Open Job Description runs its tasks in a
+    /// folder of its own.
     pub(super) fn openjd(&self) -> String {
         let (jobs, chunk) = self.jobs();
         let on_run = |last: &[&str]| {

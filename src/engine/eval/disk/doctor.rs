@@ -21,16 +21,16 @@ pub struct Diagnosis {
     pub files: usize,
     /// The size of all files, in bytes.
     pub bytes: u64,
-    /// The faults, sorted by path.
+    /// The faults that were found, sorted by path.
     pub faults: Vec<CacheFault>,
     /// Files and folders that are not part of the cache. They are left alone.
     pub foreign: Vec<PathBuf>,
 }
 
-/// A fault of a cache folder.
+/// A damaged or useless file of a cache folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CacheFault {
-    /// The file.
+    /// The path of the faulty file.
     pub path: PathBuf,
     /// A description of the fault.
     pub description: &'static str,

@@ -17,7 +17,7 @@ const MAGIC: &[u8; 8] = b"maqent03";
 #[derive(Serialize, Deserialize)]
 struct Header {
     key: String,
-    /// The type of the node.
+    /// The type of the node that computed the result.
     #[serde(default)]
     node: String,
     outputs: Vec<OutputHeader>,
@@ -37,7 +37,7 @@ struct OutputHeader {
     length: usize,
 }
 
-/// A parsed entry.
+/// An entry that was read from its file.
 pub(super) struct Entry {
     header: Header,
     outputs: Vec<(&'static ValueType, Hash, Range<usize>)>,

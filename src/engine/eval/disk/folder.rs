@@ -33,7 +33,7 @@ pub(super) enum FileKind {
     Temporary,
 }
 
-/// A file of the cache.
+/// A file of the cache, with its kind and metadata.
 #[derive(Clone, Debug)]
 pub(super) struct CacheFile {
     pub(super) path: PathBuf,
@@ -42,11 +42,11 @@ pub(super) struct CacheFile {
     pub(super) bytes: u64,
 }
 
-/// The contents of a cache folder.
+/// The files and folders in a cache folder.
 #[derive(Default)]
 pub(super) struct Contents {
     pub(super) files: Vec<CacheFile>,
-    /// The folders of the builds.
+    /// The folders of the builds that have stored results.
     pub(super) homes: Vec<PathBuf>,
     /// Files and folders that are not part of the cache.
     pub(super) foreign: Vec<PathBuf>,

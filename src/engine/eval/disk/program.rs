@@ -105,7 +105,7 @@ fn own_code() -> usize {
     hash_code_file as fn(&Path) -> io::Result<String> as usize
 }
 
-/// Returns the files from which the code at these addresses was loaded.
+/// Returns the files from which the code at the given addresses was loaded.
 #[cfg(target_os = "linux")]
 fn files_of(addresses: &[usize]) -> io::Result<BTreeSet<PathBuf>> {
     let maps = std::fs::read_to_string("/proc/self/maps")?;

@@ -14,10 +14,10 @@ use super::seal::unseal;
 use super::{Disk, DiskError, FOLDERS, Store, entry, record};
 use crate::writing::{is_abandoned, remove, remove_empty, write_whole};
 
-/// The contents of a cache.
+/// The numbers of results, graphs and builds in a cache, and their size.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Usage {
-    /// The number of results.
+    /// The number of stored results.
     pub entries: usize,
     /// The number of large columns of results.
     pub columns: usize,
@@ -29,7 +29,7 @@ pub struct Usage {
     pub bytes: u64,
 }
 
-/// The results of one node in a cache.
+/// The number and size of the results of one node in a cache.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NodeSize {
     /// The graph file. `None` if the results are not the last results of a known graph.

@@ -15,12 +15,12 @@ use super::super::snapshot::Snapshot;
 use super::{Store, entry, record};
 use crate::writing::bring_to_disk;
 
-/// A write task.
+/// A task for the writing thread.
 pub(super) enum Job {
     /// Writes a result. If `trusts_columns` is false, existing files of its columns are written again.
     Entry {
         key: Hash,
-        /// The type of the node.
+        /// The type of the node that computed the result.
         node: String,
         outcome: Arc<Outcome>,
         values: Values,
@@ -83,7 +83,7 @@ impl Writer {
         let _ = sender.send(job);
     }
 
-    /// Waits until everything is written.
+    /// Waits until all jobs that were sent so far are written.
     pub(super) fn wait(&self) {
         if lock(&self.thread).is_some() {
             let (sender, receiver) = channel();

@@ -72,7 +72,7 @@ impl Node for Add {
 /// Divides an amount by four, so different amounts often have equal results.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Split {
-    /// The amount.
+    /// The amount to divide.
     of: In<Amount>,
 }
 
@@ -92,7 +92,7 @@ impl Node for Split {
 /// Returns the first byte of a file. If a file `extra` is in the same folder, adds the first byte of that file.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Read {
-    /// The file.
+    /// The file to read.
     path: FilePath,
 }
 
@@ -117,7 +117,7 @@ impl Node for Read {
 /// Returns its input, but fails for some amounts and panics for others.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Fragile {
-    /// The amount.
+    /// The amount to return.
     of: In<Amount>,
 }
 
@@ -138,7 +138,7 @@ impl Node for Fragile {
     }
 }
 
-/// The pack.
+/// The pack of all test nodes.
 pub(super) const PACK: Pack = Pack {
     name: "amounts",
     nodes: &[node::<Add>(), node::<Split>(), node::<Read>(), node::<Fragile>()],

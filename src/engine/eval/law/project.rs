@@ -7,14 +7,14 @@ use std::time::{Duration, SystemTime};
 
 use super::step::{Edit, Kind};
 
-/// A node of the graph.
+/// A node of the random graph.
 struct Node {
     name: String,
     kind: Kind,
     number: u8,
-    /// The targets of its links: indices of earlier nodes.
+    /// The targets of the node's links, as indices of earlier nodes.
     links: Vec<usize>,
-    /// True if its links lead to the second outputs of the nodes.
+    /// True if the node's links lead to the second outputs of their targets.
     uses_other_outputs: bool,
 }
 
@@ -28,7 +28,7 @@ pub(super) struct Project {
     has_extra_node: bool,
     /// True if `Switch` nodes choose their second case.
     chooses_second: bool,
-    /// The number of names that nodes have got so far.
+    /// The number of node names that have been used so far. A name is never used again.
     named: usize,
     /// The number of edits so far.
     changes: u8,
@@ -63,7 +63,7 @@ impl Project {
         self.nodes.is_empty()
     }
 
-    /// Returns the name of a node.
+    /// Returns the name of the node with the number `pick` modulo the number of nodes.
     pub(super) fn name(&self, pick: u8) -> &str {
         &self.nodes[usize::from(pick) % self.nodes.len()].name
     }

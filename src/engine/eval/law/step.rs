@@ -1,8 +1,8 @@
-//! The steps of a sequence, with their probabilities.
+//! The random steps of a test sequence, with their probabilities.
 
 use proptest::prelude::*;
 
-/// A kind of node.
+/// A kind of node in the random graph.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Add,
@@ -77,7 +77,7 @@ pub(super) enum Edit {
     Settle,
 }
 
-/// A command to a process.
+/// A command to one of the processes that evaluate the graph.
 #[derive(Clone, Debug)]
 pub(super) enum Command {
     /// Evaluates the nodes `wanted`, or all nodes if the list is empty. If `values` is true their values are requested, otherwise only the

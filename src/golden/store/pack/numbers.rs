@@ -16,8 +16,8 @@ pub(super) enum Layout<'a> {
 pub(super) struct MeshNeighbors {
     /// The index in `corners` at which the entries of each vertex begin.
     starts: Vec<u32>,
-    /// Two neighbors of a vertex in a face, and the vertex opposite to them in the adjacent face. If there is no such vertex, the vertex
-    /// itself.
+    /// Each entry has two neighbors of a vertex in a face, and the vertex opposite to them in the adjacent face. If there is no opposite
+    /// vertex, the third number is the vertex itself.
     corners: Vec<[u32; 3]>,
 }
 

@@ -11,8 +11,8 @@ use crate::mesh::Mesh;
 use crate::mesh::normals::unit;
 
 impl Mesh {
-    /// The normals after these rows of vertices have moved, updated from `before`, the normals before the move. A moved vertex changes the
-    /// normals of its faces, and each such face changes the normals at all of its corners.
+    /// The normals after the given rows of vertices have moved, updated from `before`, the normals before the move. A moved vertex changes
+    /// the normals of its faces, and each such face changes the normals at all of its corners.
     pub(in crate::mesh) fn updated_normals(
         &self,
         before: &Column<[f32; 3]>,
@@ -34,12 +34,12 @@ impl Mesh {
         before.with_rows(&touched.rows(), &to_single_precision(&normals))
     }
 
-    /// The faces with a corner in these rows of vertices, in order.
+    /// The faces with a corner in the given rows of vertices, in order.
     pub fn faces_at_rows(&self, rows: &[Range<u32>]) -> Vec<u32> {
         self.faces_at(&VertexSet::new(self.positions.len(), rows.iter().cloned().flatten()))
     }
 
-    /// The faces with a corner at one of these vertices, in order.
+    /// The faces with a corner at one of the given vertices, in order.
     fn faces_at(&self, vertices: &VertexSet) -> Vec<u32> {
         self.faces.face_bins().faces(&self.faces, &vertices.bins(), |face| {
             face.iter().any(|&vertex| vertices.contains(vertex))
@@ -58,7 +58,7 @@ struct VertexSet {
 }
 
 impl VertexSet {
-    /// Builds the set of these vertices, for a mesh with `count` vertices.
+    /// Builds the set of the given vertices, for a mesh with `count` vertices.
     fn new(count: usize, vertices: impl Iterator<Item = u32>) -> Self {
         let mut words = vec![0_u64; count.div_ceil(WORD)];
         vertices.for_each(|vertex| words[vertex as usize / WORD] |= 1 << (vertex as usize % WORD));
@@ -73,7 +73,7 @@ impl VertexSet {
         self.words[vertex as usize / WORD] >> (vertex as usize % WORD) & 1 == 1
     }
 
-    /// The number of vertices in the set that are less than this one.
+    /// The number of vertices in the set whose index is lower than `vertex`.
     fn rank(&self, vertex: u32) -> usize {
         let (word, bit) = (vertex as usize / WORD, vertex as usize % WORD);
         let below = self.words[word] & ((1 << bit) - 1);

@@ -104,7 +104,7 @@ impl Ray {
         for axis in 0..3 {
             let (low, high) = (f64::from(low[axis]), f64::from(high[axis]));
             let (origin, step) = (self.origin[axis], self.direction[axis]);
-            // The box is empty.
+            // An empty box, whose minimum exceeds its maximum, is never hit.
             if high < low {
                 return None;
             }

@@ -6,8 +6,8 @@ use proptest::prelude::*;
 
 use super::{Folder, PACK, messages, session, spots};
 
-/// Loops over labels and over the result of a loop, and nested loops. One loop carries a value, and one passes the element's number to its
-/// graph.
+/// A graph with several `ForEach` loops: over labels, over the result of another loop, and inside of another loop. One loop carries a value
+/// from element to element, and one passes the number of the element to its graph.
 const GRAPH: &str = r#"use: { "Grow": "grow.ron" }, inputs: { "labels": Labels() },
     nodes: {
         "spots": ForEach(graph: "Center", over: "labels", number: "rank"),

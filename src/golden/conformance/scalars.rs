@@ -1,0 +1,61 @@
+//! A walk over the scalar parameters of a node.
+
+use maquette_syntax::{resolve, resolve_field, variants};
+use serde_json::Value as Json;
+
+/// A walk over the scalar parameters of a node, also those inside of lists and enum variants.
+pub(super) struct Scalars<'a> {
+    /// The JSON schema of the node.
+    pub(super) schema: &'a Json,
+    /// The maximum number of items of each list that are visited.
+    pub(super) max_items: usize,
+}
+
+impl Scalars<'_> {
+    /// Calls `visit` with the path, the value and the schema of each boolean, number and text.
+    pub(super) fn visit(&self, parameters: &Json, visit: &mut impl FnMut(&str, &Json, &Json)) {
+        for (name, value) in parameters.as_object().into_iter().flatten() {
+            self.visit_value(name, value, &self.schema["properties"][name], visit);
+        }
+    }
+
+    fn visit_value(
+        &self,
+        path: &str,
+        value: &Json,
+        field: &Json,
+        visit: &mut impl FnMut(&str, &Json, &Json),
+    ) {
+        let schema = resolve_field(field, self.schema);
+        match value {
+            Json::Null => {}
+            Json::Array(items) => {
+                for (index, item) in items.iter().take(self.max_items).enumerate() {
+                    self.visit_value(&format!("{path}.{index}"), item, &schema["items"], visit);
+                }
+            }
+            Json::Object(entries) => {
+                let choices = variants(&schema);
+                for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
+                    let chosen = choices.iter().find(|(known, _)| known == name);
+                    match chosen.map(|(_, content)| content.map(|it| resolve(self.schema, it))) {
+                        // In the file, the fields of a chosen enum variant follow the name of the variant directly, so the path does
+                        // not contain the name.
+                        Some(Some(content)) if content.get("properties").is_some() => {
+                            self.visit_value(path, value, &content, visit);
+                        }
+                        Some(Some(content)) => {
+                            self.visit_value(&format!("{path}.0"), value, &content, visit);
+                        }
+                        Some(None) => {}
+                        None => {
+                            let field = &schema["properties"][name];
+                            self.visit_value(&format!("{path}.{name}"), value, field, visit);
+                        }
+                    }
+                }
+            }
+            _ => visit(path, value, &schema),
+        }
+    }
+}
