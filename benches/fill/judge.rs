@@ -57,7 +57,7 @@ pub(crate) fn judge(case: &Case, filled: &Mesh) -> Verdict {
     }
 }
 
-/// The roughness of a part of a mesh, or its ratio to the roughness of another part.
+/// Two measures of the shape of a part of a mesh; also used for the ratios of these measures between two parts.
 pub(crate) struct Character {
     /// The root mean square of the distances between the vertices and their smoothed positions.
     pub(crate) roughness: f64,

@@ -117,7 +117,7 @@ pub struct EditedText {
 /// A value that was written into a graph file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ValueChange {
-    /// The target, `name` or `node.field`, with the current names.
+    /// The target: `name` or `node.field`. Former names are replaced by the present ones.
     pub target: String,
     /// The previous value. `None` if the target had no value.
     pub before: Option<String>,

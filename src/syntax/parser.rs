@@ -96,7 +96,7 @@ pub fn parse(text: &str) -> (Tree, Vec<SyntaxError>) {
         .collect();
     let hyphened = if errors.is_empty() { Vec::new() } else { hyphened_fields(text, &tokens) };
     for field in hyphened {
-        // Errors of the parser inside of the word are consequences of the word's hyphens.
+        // The parser also reports errors at the hyphens of the field's name. They are dropped.
         let Span { start, end } = field.span;
         errors.retain(|error| !(start..=end).contains(&error.span.start));
         errors.push(field);

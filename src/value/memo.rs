@@ -27,7 +27,7 @@ pub fn hash_of_memo<T: Memo>(memo: &T) -> Hash {
 
 struct TypeOf<T>(std::marker::PhantomData<T>);
 
-/// The cache of results stores a memo like a value. Of the functions of a value type, only `size` is implemented for a memo.
+/// The value type of a memo. It lets the cache of results store a memo like any other value; of its functions, the cache calls only `size`.
 impl<T: Memo> TypeOf<T> {
     const TYPE: ValueType = ValueType {
         name: T::NAME,

@@ -53,7 +53,8 @@ fn spread_square(pixels: &mut [u8], width: usize, height: usize, radius: usize, 
     (0..width).for_each(|column| spread(pixels, column, width, height, radius, kind));
 }
 
-/// Sets pixels to `kind` that are within `radius` of a pixel with this value, along one line of `count` pixels, `step` apart.
+/// Sets each pixel to `kind` whose distance from a pixel with the value `kind` is at most `radius`, along one line of `count` pixels whose
+/// indices are `step` apart.
 fn spread(pixels: &mut [u8], first: usize, step: usize, count: usize, radius: usize, kind: u8) {
     let of_kind: Vec<usize> = (0..count).filter(|k| pixels[first + k * step] == kind).collect();
     let mut done = 0;

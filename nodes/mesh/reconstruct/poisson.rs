@@ -181,7 +181,7 @@ pub(super) enum SolveError {
 #[derive(Clone, Copy)]
 struct Sum {
     cell: [u16; 3],
-    /// The mean position of the surfels, in cells of the depth.
+    /// The mean position of the surfels, in units of the cell size at the current octree depth.
     at: [f64; 3],
     area: f64,
     /// The sum of normals times areas, in mm^2.

@@ -138,8 +138,8 @@ fn chosen_corners(disk: &Disk) -> [usize; 4] {
         .map(|(across, down)| farthest(across, down, &local, n));
     match in_order(corners, n) {
         true => corners,
-        // One corner of the region is extreme on two diagonals. The border, which has at least four vertices, is divided into quarters
-        // instead.
+        // The corners do not follow each other along the border; for example, one vertex may be extreme in two directions. The border,
+        // which has at least four vertices, is divided into quarters instead.
         false => [0, 1, 2, 3].map(|k| (corners[0] + k * n / 4) % n),
     }
 }

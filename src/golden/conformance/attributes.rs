@@ -15,7 +15,8 @@ const MARK: &str = "mark-of-the-law";
 /// The sharpness of a marked edge. Nodes must not change it.
 const SHARP: f64 = 10.0;
 
-/// The domains that can have marks whose names are known to nodes, such as `uv`: vertices and corners. A test uses one of them at a time.
+/// The indices of the domains whose attributes may have a reserved name such as `uv`: vertices (0) and corners (1). A test uses one domain
+/// at a time.
 const NAMED_DOMAINS: [usize; 2] = [0, 1];
 
 /// Checks that the node of an example declares how it handles attributes, for each pair of port and output, and that each declaration is

@@ -17,8 +17,8 @@ const SLIVER: f64 = 0.01;
 /// The thing that is behind a face, found by a ray from the middle of the face against its normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Backing {
-    /// The inside of another face that is not the other side of a wall. Also used if the backing is unknown, because the face has no area
-    /// or is a sliver whose normal deviates from that of its surroundings.
+    /// Material: behind the face is the inside of another face, too far away to be the other side of a wall. Also used if the backing is
+    /// unknown, because the face has no area or is a sliver whose normal deviates from that of its surroundings.
     Solid,
     /// Nothing, or the outside of another face. So this face looks inward.
     Outside,

@@ -322,7 +322,7 @@ fn uses_of_all_graphs_give_way_to_their_nodes() {
         }
     }
     assert!(done > 12 && done > 5 * refused.len(), "{done} done, refused:\n{}", refused.join("\n"));
-    // A use is refused only if the used graph has `wants` or `promises`.
+    // `inline` refuses to replace a use only if the used graph has `wants` or `promises`, which the message then names.
     let has_reason = |why: &String| why.contains(" wants ") || why.contains(" promises ");
     assert!(refused.iter().all(has_reason), "{}", refused.join("\n"));
 }

@@ -195,7 +195,8 @@ fn an_unsolvable_problem_is_an_error_without_extreme_control_points() {
 
 #[test]
 fn feet_do_not_switch_to_another_sheet() {
-    // Two opposite plates. Their distance is less than the change of their corners in one iteration.
+    // Two thin flat boxes, one above the other. In one iteration their vertices move farther than the distance between the boxes, so that
+    // the nearest point could be on the wrong box.
     let mesh = refine_mesh(&cube(), Scheme::CatmullClark, 1, false);
     let thin = |z: f64| mesh.positions().iter().map(move |p| Point3::new(p.x, p.y, 0.01 * p.z + z));
     let positions: Vec<_> = thin(0.0).chain(thin(0.03)).collect();

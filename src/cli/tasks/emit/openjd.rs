@@ -73,7 +73,7 @@ impl Handover<'_> {
         json!({ "command": "bash", "args": args })
     }
 
-    /// Returns the required resources of a machine.
+    /// Returns the resources that a machine must have to run the task.
     fn resource_amounts(&self) -> impl Iterator<Item = Json> {
         let threads = self.resources.threads.map(|threads| ("vcpu", threads as u64));
         let memory = self.resources.mebibytes().map(|memory| ("memory", memory));
