@@ -48,7 +48,7 @@ pub(crate) struct Batch {
     /// Sweep the graph over these files or folders; quote the pattern: 'scans/*'. Each match replaces the files that the graph reads.
     #[arg(long, value_name = "PATTERN")]
     scans: Option<String>,
-    /// The folder for the results [default: `out/SWEEP`, or `out/SWEEP-draft` with --draft].
+    /// The folder for the results [default: `out/SWEEP`; with --draft `out/SWEEP-draft`].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// The number of tasks to run at the same time; they divide --memory between them. With --emit, the number of jobs [default: 1, or the

@@ -33,7 +33,7 @@ use crate::DisplayPath;
 pub(crate) struct Run {
     /// The graph file.
     graph: PathBuf,
-    /// The folder for the outputs [default: `out/GRAPH`, or `out/GRAPH-draft` with --draft].
+    /// The folder for the outputs [default: `out/GRAPH`; with --draft `out/GRAPH-draft`].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Write only this output. May be repeated.
