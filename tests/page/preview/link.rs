@@ -189,7 +189,7 @@ fn the_editor_is_opened_where_pages_were_told_and_nowhere_else() {
         asked["ask"] = "open".into();
         page.say(&asked);
         let why = page.wait("refused")["why"].as_str().unwrap().to_owned();
-        assert!(why.contains("no such place"), "{what}: {why}");
+        assert!(why.contains("no such location"), "{what}: {why}");
     }
     assert!(!told.exists());
     served.watch.end();
