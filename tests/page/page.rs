@@ -361,7 +361,7 @@ fn a_name_that_is_bound_to_this_machine_and_a_foreign_page_are_told_nothing() {
     let status = "performance.getEntriesByType('navigation')[0].responseStatus";
     assert_eq!(browser.ask(status), 403);
     let text = browser.ask("document.body.innerText");
-    assert!(text.as_str().unwrap().contains("to this machine alone"), "{text}");
+    assert!(text.as_str().unwrap().contains("only served to this machine"), "{text}");
     // A page of another site may do whatever browsers allow, and even knows the token.
     let foreign = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = foreign.local_addr().unwrap();
