@@ -101,7 +101,7 @@ pub use maquette_node::{
     File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Previous, Progress, Promise,
     ReadError, Transfer, Want, node,
 };
-pub use maquette_node::{this_build, union};
+pub use maquette_node::{bail, this_build, union};
 pub use maquette_render as render;
 pub use maquette_syntax::{
     CancelledError, Diagnostic, Error, Position, Reader, Severity, Source, Span, code,

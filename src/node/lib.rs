@@ -38,6 +38,7 @@ pub use importers::{
 pub use kind::{AnyNode, NodeType, Output, node};
 pub use maquette_syntax::Reader;
 // Items of other crates that the code of packs needs.
+pub use maquette_syntax::bail;
 pub use maquette_syntax::error::{CancelledError, Error};
 pub use maquette_value::{AnyValue, ValueType, value_type};
 pub use node::Node;

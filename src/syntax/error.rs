@@ -8,7 +8,8 @@ use serde_json::json;
 
 /// An error of a node or a file format. It has no position; the engine adds one.
 ///
-/// The operator `?` converts any error type to it. Messages are lower case, without a full stop, and do not name the node.
+/// The operator `?` converts any error type to it, and [`bail!`](crate::bail) returns one with a message. Messages are lower case, without a
+/// full stop, and do not name the node. Define an error type only if some code matches on its variants.
 #[derive(Clone)]
 pub struct Error {
     cause: Arc<dyn std::error::Error + Send + Sync>,
@@ -17,6 +18,11 @@ pub struct Error {
 }
 
 impl Error {
+    /// Creates an error that is a message only.
+    pub fn new(message: impl Into<String>) -> Self {
+        MessageError(message.into()).into()
+    }
+
     /// Returns the original error, if its type is `E`.
     pub fn downcast<E: std::error::Error + 'static>(&self) -> Option<&E> {
         self.cause.downcast_ref()
@@ -53,6 +59,19 @@ impl fmt::Debug for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.cause.fmt(f)
     }
+}
+
+/// An error that is a message only.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct MessageError(String);
+
+/// Returns an [`Error`](crate::error::Error) with a message from the function. The arguments are those of `format!`.
+#[macro_export]
+macro_rules! bail {
+    ($($message:tt)+) => {
+        return Err($crate::error::Error::new(format!($($message)+)))
+    };
 }
 
 /// Error returned when an evaluation was cancelled.
