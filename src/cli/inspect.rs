@@ -21,14 +21,13 @@ use maquette_value::fs::extension;
 use maquette_value::{AnyValue, Layer, Summary};
 use serde_json::{Value as Json, json};
 
-use super::cache_options::CacheOptions;
 use super::inputs::InputOptions;
 use super::new::in_meters;
 use super::progress::Progress;
 use super::viewpoint::{
     CameraTarget, OverOptions, PictureRequest, ValueSource, parse_camera_target,
 };
-use super::{Exit, GraphOptions, eprint, in_bytes, print, print_document, print_json, report};
+use super::{EvaluationOptions, Exit, eprint, in_bytes, print, print_document, print_json, report};
 
 mod columns;
 mod elements;
@@ -72,11 +71,7 @@ pub(crate) struct Inspect {
     #[command(flatten)]
     over: OverOptions,
     #[command(flatten)]
-    inputs: InputOptions,
-    #[command(flatten)]
-    options: GraphOptions,
-    #[command(flatten)]
-    cache: CacheOptions,
+    evaluation: EvaluationOptions,
     /// The number of threads; 0 for all.
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -130,7 +125,7 @@ impl Inspect {
         if is_whole && let Err(why) = self.find(&graph) {
             return Exit::Usage(why);
         }
-        let mut session = match self.cache.reporting_session(self.threads, catalog) {
+        let mut session = match self.evaluation.cache.reporting_session(self.threads, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
@@ -236,10 +231,14 @@ impl Inspect {
     fn load_graph(&self, catalog: &Catalog) -> Result<(CheckedGraph, InputOptions), String> {
         let file = self.file.for_display();
         if self.node.is_some() {
-            return Ok((self.options.load(&self.file, catalog), self.inputs.clone()));
+            return Ok((
+                self.evaluation.graph.load(&self.file, catalog),
+                self.evaluation.inputs.clone(),
+            ));
         }
         if extension(&self.file) == "ron" {
-            let graph = self.options.load(&self.file, catalog).without_unknown_nodes().graph;
+            let graph =
+                self.evaluation.graph.load(&self.file, catalog).without_unknown_nodes().graph;
             let nodes = graph.iter().flat_map(|graph| graph.nodes().iter());
             let nodes: Vec<_> = nodes.map(|node| &node.name[..]).collect();
             return Err(format!("expected a node of {file}: {}", nodes.join(", ")));
@@ -252,7 +251,8 @@ impl Inspect {
         let text = format!(
             "Graph(format: 1, inputs: {{ \"{FILE}\": {kind}() }}, nodes: {{}}, outputs: {{ \"{FILE}\": \"{FILE}\" }})"
         );
-        let checked = Graph::load_text(&self.file, text, catalog, &self.options.to_options());
+        let checked =
+            Graph::load_text(&self.file, text, catalog, &self.evaluation.graph.to_options());
         Ok((checked, InputOptions::single(FILE, &self.file)))
     }
 
@@ -417,7 +417,7 @@ impl Inspect {
             Some(path) => {
                 let path = Path::new(path);
                 let mut sources = Sources::of_graph(graph);
-                self.inputs.protect(&mut sources);
+                self.evaluation.inputs.protect(&mut sources);
                 let file = path.file_name().unwrap_or_default().to_string_lossy();
                 let files = NewFile::single(&file, rows.csv().into_bytes());
                 return write_files(Ok(files), path, &sources);

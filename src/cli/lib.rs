@@ -52,7 +52,7 @@ mod watch;
 mod why;
 
 pub(crate) use condition::Condition;
-pub(crate) use options::{GraphOptions, parse_assignment};
+pub(crate) use options::{EvaluationOptions, GraphOptions, parse_assignment};
 pub(crate) use output::{
     DisplayPath, Exit, all_outputs, column_width, count_severity, eprint, format_count, has_errors,
     in_bytes, print, print_as_it_is, print_document, print_json, print_usage, program,

@@ -7,6 +7,20 @@ use maquette_engine::session::OutputFolder;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{CheckedGraph, Graph, Options};
 
+use crate::cache_options::CacheOptions;
+use crate::inputs::InputOptions;
+
+/// Options for evaluating a graph.
+#[derive(Args)]
+pub(crate) struct EvaluationOptions {
+    #[command(flatten)]
+    pub(crate) inputs: InputOptions,
+    #[command(flatten)]
+    pub(crate) graph: GraphOptions,
+    #[command(flatten)]
+    pub(crate) cache: CacheOptions,
+}
+
 /// Options for loading a graph.
 #[derive(Args)]
 pub(crate) struct GraphOptions {

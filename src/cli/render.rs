@@ -16,14 +16,12 @@ use maquette_render::{Projection, Representation, View};
 use maquette_value::Image;
 use maquette_value::fs::extension;
 
-use super::cache_options::CacheOptions;
-use super::inputs::InputOptions;
 use super::inspect::parse_view;
 use super::progress::Progress;
 use super::viewpoint::{
     CameraTarget, OverOptions, PictureRequest, ValueSource, find_target, parse_camera_target,
 };
-use super::{Exit, GraphOptions, compare, report};
+use super::{EvaluationOptions, Exit, compare, report};
 use crate::DisplayPath;
 
 #[derive(Args)]
@@ -72,11 +70,7 @@ struct PictureOptions {
     #[arg(long)]
     orthographic: bool,
     #[command(flatten)]
-    inputs: InputOptions,
-    #[command(flatten)]
-    options: GraphOptions,
-    #[command(flatten)]
-    cache: CacheOptions,
+    evaluation: EvaluationOptions,
 }
 
 /// The maximum width and height in pixels; larger values are probably typing errors.
@@ -176,7 +170,7 @@ impl PictureOptions {
         catalog: &Arc<Catalog>,
         sources: &mut Sources,
     ) -> Result<Image, Exit> {
-        let checked = self.options.load(file, catalog).without_unknown_nodes();
+        let checked = self.evaluation.graph.load(file, catalog).without_unknown_nodes();
         report(&checked.diagnostics);
         let graph = checked.graph.ok_or(Exit::Failed)?;
         sources.extend(&Sources::of_graph(&graph));
@@ -189,9 +183,10 @@ impl PictureOptions {
         if is_whole {
             check(&graph)?;
         }
-        let mut session = self.cache.reporting_session(0, catalog).map_err(Exit::Usage)?;
-        self.inputs.protect(sources);
-        let graph = self.inputs.feed_and_report(&session, &graph)?;
+        let mut session =
+            self.evaluation.cache.reporting_session(0, catalog).map_err(Exit::Usage)?;
+        self.evaluation.inputs.protect(sources);
+        let graph = self.evaluation.inputs.feed_and_report(&session, &graph)?;
         let progress = Progress::new(graph.nodes().len());
         let request = self.request();
         let names = Vec::from_iter([name].into_iter().chain(request.names()));

@@ -16,16 +16,15 @@ use maquette_node::CancelToken;
 use maquette_syntax::error::{Diagnostic, Severity, code, merge_diagnostics};
 use serde_json::json;
 
-use super::cache_options::{self, CacheOptions};
+use super::cache_options;
 use super::events::{EventFormat, Events, Listener, RunEnd};
-use super::inputs::InputOptions;
 use super::openjd::JobProgress;
 use super::profile;
 use super::progress::Progress;
 use super::replay::ProvenanceOptions;
 use super::{
-    Exit, GraphOptions, column_width, eprint, format_count, has_errors, in_bytes, interrupt, print,
-    print_json, put_problems, report,
+    EvaluationOptions, Exit, column_width, eprint, format_count, has_errors, in_bytes, interrupt,
+    print, print_json, put_problems, report,
 };
 use crate::DisplayPath;
 
@@ -40,11 +39,7 @@ pub(crate) struct Run {
     #[arg(long, value_name = "OUTPUT")]
     only: Vec<String>,
     #[command(flatten)]
-    inputs: InputOptions,
-    #[command(flatten)]
-    options: GraphOptions,
-    #[command(flatten)]
-    cache: CacheOptions,
+    evaluation: EvaluationOptions,
     #[command(flatten)]
     provenance: ProvenanceOptions,
     /// Print which nodes would run, and why; run nothing.
@@ -72,20 +67,20 @@ impl Run {
         interrupt::cancel_on_interrupt(&cancel);
         let events = Events::new(Listener::of_stdout(), cancel.clone());
         let job = JobProgress::new(1, cancel.clone());
-        let checked = self.options.load(&self.graph, catalog).without_missing_files();
+        let checked = self.evaluation.graph.load(&self.graph, catalog).without_missing_files();
         let reading_graph = start.elapsed().as_secs_f64();
         let mut diagnostics = checked.diagnostics;
         let Some(graph) = checked.graph.or(checked.partial) else {
             self.print(None, &[], &diagnostics, start);
             return Exit::Failed;
         };
-        let mut session = match self.cache.session(self.threads, catalog) {
+        let mut session = match self.evaluation.cache.session(self.threads, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
         let fed = match self.dry_run {
-            true => self.inputs.feed_for_forecast(&session, &graph),
-            false => self.inputs.feed(&session, &graph),
+            true => self.evaluation.inputs.feed_for_forecast(&session, &graph),
+            false => self.evaluation.inputs.feed(&session, &graph),
         };
         let graph = match fed {
             Ok((graph, warnings)) => {
@@ -97,8 +92,8 @@ impl Run {
                 return Exit::Failed;
             }
         };
-        let into = self.options.output_folder(self.out.as_deref(), &self.graph);
-        let into = self.provenance.apply_to(into.keeping(self.inputs.files()));
+        let into = self.evaluation.graph.output_folder(self.out.as_deref(), &self.graph);
+        let into = self.provenance.apply_to(into.keeping(self.evaluation.inputs.files()));
         session.recall(&into);
         if self.dry_run {
             let graph = session.with_last_counts(&graph);

@@ -18,12 +18,10 @@ use maquette_syntax::error::{Diagnostic, code};
 use maquette_syntax::paths::{MARKER, project_root};
 use serde_json::json;
 
-use super::cache_options::CacheOptions;
 use super::events::Listener;
-use super::inputs::InputOptions;
 use super::replay::ProvenanceOptions;
 use super::terminal::{Input, Screen};
-use super::{Exit, GraphOptions, eprint, interrupt, print, report};
+use super::{EvaluationOptions, Exit, eprint, interrupt, print, report};
 use crate::listen as watch;
 use crate::listen::{Event, Sources, WatchList};
 
@@ -55,11 +53,7 @@ pub(crate) struct Watch {
     #[arg(long, value_name = "OUTPUT")]
     only: Vec<String>,
     #[command(flatten)]
-    inputs: InputOptions,
-    #[command(flatten)]
-    options: GraphOptions,
-    #[command(flatten)]
-    cache: CacheOptions,
+    evaluation: EvaluationOptions,
     /// The number of threads; 0 for all.
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -115,8 +109,8 @@ impl Watch {
             return self.print_list(catalog);
         }
         let (sender, receiver) = channel();
-        let outputs = self.options.output_folder(self.out.as_deref(), &self.graph);
-        let outputs = self.provenance.apply_to(outputs.keeping(self.inputs.files()));
+        let outputs = self.evaluation.graph.output_folder(self.out.as_deref(), &self.graph);
+        let outputs = self.provenance.apply_to(outputs.keeping(self.evaluation.inputs.files()));
         let folder = outputs.path().to_owned();
         let stop = sender.clone();
         interrupt::on_interrupt(move || drop(stop.send(Message::Input(Input::Stop))));
@@ -151,13 +145,17 @@ impl Watch {
             None => view,
         };
         let done = sender.clone();
-        let session = match self.cache.session(self.threads, catalog) {
+        let session = match self.evaluation.cache.session(self.threads, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
         let worker = Worker::new(
             session,
-            OutputOptions { folder: outputs, only: self.only.clone(), inputs: self.inputs.clone() },
+            OutputOptions {
+                folder: outputs,
+                only: self.only.clone(),
+                inputs: self.evaluation.inputs.clone(),
+            },
             view.observe(),
             move |news| drop(done.send(Message::Evaluation(news))),
         );
@@ -171,7 +169,7 @@ impl Watch {
 
     fn open_page(&self, sender: &Sender<Message>) -> std::io::Result<Page> {
         let sender = sender.clone();
-        Page::open(&self.graph, self.options.draft, self.in_editor, move |wish| {
+        Page::open(&self.graph, self.evaluation.graph.draft, self.in_editor, move |wish| {
             drop(sender.send(Message::Page(wish)));
         })
     }
@@ -185,7 +183,7 @@ impl Watch {
     }
 
     fn print_list(&self, catalog: &Catalog) -> Exit {
-        let checked = self.options.load(&self.graph, catalog);
+        let checked = self.evaluation.graph.load(&self.graph, catalog);
         report(&checked.diagnostics);
         let outside = reads_outside(&checked.diagnostics);
         let here = std::env::current_dir().unwrap_or_default();
@@ -230,7 +228,7 @@ impl Watch {
             }
         }));
         let roots = [root.clone()];
-        for path in self.inputs.files() {
+        for path in self.evaluation.inputs.files() {
             let path = here.join(path);
             let beside = iter::once(path.with_file_name(camera::NAME));
             let named = beside.chain(companion_paths(&path, &roots, readers));

@@ -6,9 +6,7 @@ use std::sync::Arc;
 use clap::Args;
 use maquette_graph::catalog::Catalog;
 
-use super::cache_options::CacheOptions;
-use super::inputs::InputOptions;
-use super::{Exit, GraphOptions, print, report};
+use super::{EvaluationOptions, Exit, print, report};
 
 #[derive(Args)]
 pub(crate) struct WhyCommand {
@@ -17,23 +15,19 @@ pub(crate) struct WhyCommand {
     /// The node, or a use of a graph for the nodes that compute its outputs.
     node: String,
     #[command(flatten)]
-    inputs: InputOptions,
-    #[command(flatten)]
-    options: GraphOptions,
-    #[command(flatten)]
-    cache: CacheOptions,
+    evaluation: EvaluationOptions,
 }
 
 impl WhyCommand {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        let checked = self.options.load(&self.graph, catalog).without_unknown_nodes();
+        let checked = self.evaluation.graph.load(&self.graph, catalog).without_unknown_nodes();
         report(&checked.diagnostics);
         let Some(graph) = checked.graph else { return Exit::Failed };
-        let mut session = match self.cache.reporting_session(1, catalog) {
+        let mut session = match self.evaluation.cache.reporting_session(1, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
-        let graph = match self.inputs.feed_for_forecast_and_report(&session, &graph) {
+        let graph = match self.evaluation.inputs.feed_for_forecast_and_report(&session, &graph) {
             Ok(graph) => graph,
             Err(exit) => return exit,
         };

@@ -267,8 +267,12 @@ impl<'a> Session<'a> {
     /// Reads and checks the graph. Shows errors at once, unless the file may still be incomplete.
     fn check_graph(&mut self) {
         return_to(&self.start_folder);
-        let CheckedGraph { graph, partial, diagnostics, files, subgraphs } =
-            self.command.options.load(&self.command.graph, self.catalog).without_missing_files();
+        let CheckedGraph { graph, partial, diagnostics, files, subgraphs } = self
+            .command
+            .evaluation
+            .graph
+            .load(&self.command.graph, self.catalog)
+            .without_missing_files();
         let readable = !diagnostics
             .iter()
             .any(|diagnostic| diagnostic.code == code::SYNTAX || diagnostic.source.text.is_empty());

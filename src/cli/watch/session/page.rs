@@ -84,9 +84,9 @@ impl<'a> Session<'a> {
 
     /// Returns the graph with these values set, and the present text of the graph file.
     fn graph_with(&self, values: &Values) -> Result<(Graph, String), String> {
-        let Watch { graph: path, options, .. } = self.command;
+        let Watch { graph: path, evaluation, .. } = self.command;
         let edited = self.compute_edit(values)?;
-        let options = options.to_options().with_text(path, edited.text);
+        let options = evaluation.graph.to_options().with_text(path, edited.text);
         let CheckedGraph { graph, diagnostics, .. } =
             Graph::load(path, self.catalog, &options).without_unknown_nodes();
         let wrong =
@@ -168,7 +168,8 @@ impl<'a> Session<'a> {
     }
 
     fn file(&self) -> GraphFile<'a> {
-        let Watch { graph, options, .. } = self.command;
+        let Watch { graph, evaluation, .. } = self.command;
+        let options = &evaluation.graph;
         GraphFile { graph, roots: &options.roots, draft: options.draft, dry_run: false }
     }
 }
