@@ -197,7 +197,7 @@ def test_b3_frames_are_baked_into_a_file_that_needs_no_graph(empty: Any, tmp_pat
     scene.frame_start, scene.frame_end = 1, 3
     module("waiting").update()
     key_size(owner)
-    with pytest.raises(RuntimeError, match="save it, or name a file"):
+    with pytest.raises(RuntimeError, match="save it, or choose a file"):
         bpy.ops.maquette.bake_frames()
     assert bpy.ops.maquette.bake_frames(filepath=str(tmp_path / "frames.abc")) == {"FINISHED"}
     baked = bpy.data.objects["box frames"]

@@ -118,7 +118,7 @@ check("2 completion offers the missing fields of a node", async (page) => {
 check("4 a hover over a node type shows its documentation", async (page) => {
   await editor.open("doll.ron");
   await page.locator(".view-line span", { hasText: /^Threshold$/ }).first().hover();
-  await page.locator(".monaco-hover:visible", { hasText: "Marks the pixels that belong together by their color." }).waitFor();
+  await page.locator(".monaco-hover:visible", { hasText: "Selects pixels by color or brightness, and returns them as a mask." }).waitFor();
 });
 
 check("5 go to definition leads into a used graph", async (page) => {
