@@ -40,7 +40,7 @@ fn main() {
 
 fn row(name: &str, runs: usize, points: &Points) {
     let sources = [Scattered::Points(points.clone())];
-    fn run(sources: &[Scattered; 1]) -> Result<Mesh, maquette_nodes::mesh::ReconstructError> {
+    fn run(sources: &[Scattered; 1]) -> Result<Mesh, maquette::Error> {
         reconstruct(sources, Poses::Auto, &Options::default(), &Progress::silent())
     }
     let mesh = run(&sources).expect("a skin");

@@ -82,7 +82,7 @@ fn repeat(work: &str, folder: &Path) {
         }
         "union" => {
             let [ball, other] = ["ball", "other"].map(|name| mesh(folder, name));
-            fn run(ball: &Mesh, other: &Mesh) -> Result<Mesh, maquette_nodes::solid::BooleanError> {
+            fn run(ball: &Mesh, other: &Mesh) -> Result<Mesh, maquette::Error> {
                 boolean(ball, &[other], Operation::Union, &Progress::silent())
             }
             serve(|| run(&ball, &other).expect("two solids"), |united| united.faces().len() as f64);

@@ -7,7 +7,6 @@ use nalgebra::{Isometry3, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::align_error::AlignError;
 use super::alignment::{Alignment, PairFit};
 use super::cloud::Cloud;
 use super::fit::fit;
@@ -73,8 +72,8 @@ impl Node for Align {
         let (scan, to) = (cx.get(&self.mesh), cx.get(&self.to));
         let alignment = align(&scan, &to, &self.by, &|warning| cx.warn(warning), cx.progress())?;
         let motion = alignment.motion(2).expect("there are two scans");
-        let moved = move_scan(&scan, &motion, alignment.frame().as_ref());
-        Ok((moved.map_err(AlignError::from)?, alignment))
+        let moved = move_scan(&scan, &motion, alignment.frame().as_ref())?;
+        Ok((moved, alignment))
     }
 }
 
@@ -88,7 +87,7 @@ pub fn align(
     by: &AlignMethod,
     warn: &dyn Fn(String),
     progress: &Progress<'_>,
-) -> Result<Alignment, AlignError> {
+) -> Result<Alignment, Error> {
     let scans = [to, scan];
     let clouds = Cloud::from_scans(&scans)?;
     let frame = frame_of(to);
@@ -110,7 +109,7 @@ pub fn align(
                 point: off,
             };
             let motions = [Isometry3::identity(), motion].map(|motion| motion.to_homogeneous());
-            return Ok(Alignment::new(&motions, vec![pair_fit], frame.as_ref())?);
+            return Alignment::new(&motions, vec![pair_fit], frame.as_ref());
         }
     };
     align_from(&clouds, start, frame.as_ref(), warn, progress)

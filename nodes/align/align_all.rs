@@ -1,7 +1,7 @@
 //! Registers several scans together.
 
 use maquette_mesh::{Poses, merge};
-use maquette_node::{Carry, Context, Error, In, Limit, Node, Progress, Transfer};
+use maquette_node::{Carry, Context, Error, In, Limit, Node, Progress, Transfer, bail};
 use maquette_range::{GRAZING, JUMP, triangulate};
 use maquette_scan::Scan;
 use maquette_value::{Faces, Mesh};
@@ -9,7 +9,6 @@ use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::align_error::AlignError;
 use super::alignment::Alignment;
 use super::cloud::Cloud;
 use super::motion::{frame_of, move_scan};
@@ -104,9 +103,9 @@ pub fn align_all(
     by: &Search,
     warn: &dyn Fn(String),
     progress: &Progress<'_>,
-) -> Result<Alignment, AlignError> {
+) -> Result<Alignment, Error> {
     if scans.len() < 2 {
-        return Err(AlignError::TooFewScans { count: scans.len() });
+        bail!("expected at least 2 scans, found {}", scans.len());
     }
     SCANS.check("the alignment", scans.len() as f64)?;
     let clouds = Cloud::from_scans(scans)?;
@@ -140,25 +139,18 @@ pub fn align_all(
 
 impl Turntable {
     /// Returns the poses of the scans that follow from the turntable's axis; `None` if no axis is given.
-    fn poses(&self, count: usize) -> Result<Option<Vec<Isometry3<f64>>>, AlignError> {
-        fn invalid(
-            what: &'static str,
-            value: f64,
-            must: &'static str,
-        ) -> Result<Option<Vec<Isometry3<f64>>>, AlignError> {
-            Err(AlignError::Parameter { what, value, must })
-        }
+    fn poses(&self, count: usize) -> Result<Option<Vec<Isometry3<f64>>>, Error> {
         if !(-180.0..=180.0).contains(&self.angle) {
-            return invalid("angle", self.angle, "from -180 to 180 degrees");
+            bail!("`angle` is {}, expected from -180 to 180 degrees", self.angle);
         }
         let Some(axis) = self.axis else { return Ok(None) };
         let length = Vector3::from(axis).norm();
         let Some(axis) = Unit::try_new(Vector3::from(axis), 1e-9).filter(|_| length.is_finite())
         else {
-            return invalid("length of the axis", length, "greater than 0");
+            bail!("`length of the axis` is {length}, expected greater than 0");
         };
         if let Some(value) = self.through.into_iter().find(|x| !x.is_finite()) {
-            return invalid("through", value, "finite");
+            bail!("`through` is {value}, expected finite");
         }
         Ok(Some(
             (0..count)
@@ -183,7 +175,7 @@ impl Turntable {
 }
 
 /// Merges all scans at their aligned positions into one mesh.
-fn merge_scans(scans: &[&Scan], alignment: &Alignment) -> Result<Mesh, AlignError> {
+fn merge_scans(scans: &[&Scan], alignment: &Alignment) -> Result<Mesh, Error> {
     let frame = alignment.frame();
     let meshes = scans.iter().zip(1..).map(|(scan, number)| {
         let motion = alignment.motion(number).expect("a motion for each scan");
@@ -192,12 +184,12 @@ fn merge_scans(scans: &[&Scan], alignment: &Alignment) -> Result<Mesh, AlignErro
             other => unreachable!("a mesh became {other:?}"),
         })
     });
-    let meshes = meshes.collect::<Result<Vec<_>, AlignError>>()?;
-    Ok(merge(&meshes.iter().collect::<Vec<_>>(), Poses::Ignore)?)
+    let meshes = meshes.collect::<Result<Vec<_>, Error>>()?;
+    merge(&meshes.iter().collect::<Vec<_>>(), Poses::Ignore)
 }
 
 /// Converts a scan to a mesh: a range image as `Triangulate` does, points to vertices without faces.
-fn to_mesh(scan: &Scan) -> Result<Mesh, AlignError> {
+fn to_mesh(scan: &Scan) -> Result<Mesh, Error> {
     Ok(match scan {
         Scan::Mesh(mesh) => mesh.clone(),
         Scan::RangeImage(range) => triangulate(range, JUMP, GRAZING, 20)?,

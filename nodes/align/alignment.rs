@@ -1,11 +1,11 @@
 //! The result of a registration: the motions of the scans and the quality of the fit.
 
+use maquette_node::{Error, bail};
 use maquette_value::{
     CaptureFrame, Column, DecodeError, Decoder, ElementKind, Encoder, Meaning, Part, Parts,
     PartsError, Summary, Value,
 };
 use nalgebra::{Isometry3, Matrix3, Matrix4};
-use thiserror::Error;
 
 /// The quality of the fit of two aligned scans.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,23 +20,6 @@ pub struct PairFit {
     pub plane: f64,
     /// The root mean square distance between corresponding points, in mm.
     pub point: f64,
-}
-
-/// Reasons why motions and fits are not a valid alignment.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum AlignmentError {
-    /// A motion is not rigid, or not finite.
-    #[error("the motion of scan {scan} is not rigid")]
-    NotRigid {
-        /// The number of the scan, from 1.
-        scan: usize,
-    },
-    /// A pair refers to a scan that does not exist.
-    #[error("pair {pair} has an unknown scan")]
-    NoScan {
-        /// The number of the pair, from 1.
-        pair: usize,
-    },
 }
 
 /// The motions of scans, in mm, and the quality of their fit.
@@ -68,14 +51,14 @@ impl Alignment {
         motions: &[Matrix4<f64>],
         pairs: Vec<PairFit>,
         frame: Option<&CaptureFrame>,
-    ) -> Result<Self, AlignmentError> {
+    ) -> Result<Self, Error> {
         if let Some(scan) = motions.iter().position(|motion| !is_rigid(motion)) {
-            return Err(AlignmentError::NotRigid { scan: scan + 1 });
+            bail!("the motion of scan {} is not rigid", scan + 1);
         }
         if let Some(pair) = pairs.iter().position(|pair| {
             !pair.scans.into_iter().all(|scan: u32| (1..=motions.len()).contains(&(scan as usize)))
         }) {
-            return Err(AlignmentError::NoScan { pair: pair + 1 });
+            bail!("pair {} has an unknown scan", pair + 1);
         }
         let frame = frame.map(|frame| Frame {
             picture: frame.picture,
@@ -271,7 +254,7 @@ impl Value for Alignment {
             })
             .collect();
         Self::new(&motions.collect::<Vec<_>>(), pairs, frame.transpose()?.as_ref())
-            .map_err(PartsError::from_error)
+            .map_err(|error| PartsError::Refused { why: error.to_string() })
     }
 
     /// Alignments of no scan, of one scan that does not move, and of several scans with large motions.

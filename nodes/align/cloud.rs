@@ -3,13 +3,12 @@
 use std::collections::{BTreeSet, BinaryHeap};
 
 use maquette_base::tree::Tree;
+use maquette_node::{Error, bail};
 use maquette_range::{GRAZING, JUMP, triangulate};
 use maquette_scan::Scan;
 use maquette_value::parallel::*;
 use maquette_value::{Mesh, RangeImage};
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
-
-use super::align_error::AlignError;
 
 /// Points with normals and rim flags.
 #[derive(Clone, Debug, Default)]
@@ -32,24 +31,26 @@ impl Cloud {
     ///
     /// # Errors
     /// If a scan has too few points, or its size or position is extreme.
-    pub(super) fn from_scans(scans: &[&Scan]) -> Result<Vec<Self>, AlignError> {
+    pub(super) fn from_scans(scans: &[&Scan]) -> Result<Vec<Self>, Error> {
         scans.iter().zip(1..).map(|(scan, number)| Self::from_scan(scan, number)).collect()
     }
 
     /// Converts a scan to a cloud. `number` is the number of the scan, from 1, for error messages. Normals and rim flags are computed from
     /// the faces; without faces they are estimated from neighboring points.
-    fn from_scan(scan: &Scan, number: usize) -> Result<Self, AlignError> {
+    fn from_scan(scan: &Scan, number: usize) -> Result<Self, Error> {
         let all = scan.positions().iter().filter(|point| !point.x.is_nan());
         let different = all.clone().map(|point| point.coords.data.0[0].map(f64::to_bits));
         let points = different.take(1000).collect::<BTreeSet<_>>().len();
         if points < MIN_POINTS {
-            return Err(AlignError::TooFewPoints { scan: number, points, least: MIN_POINTS });
+            return Err(too_few_points(number, points));
         }
         let (low, high) = bounds(all.clone());
         let size = (high - low).norm();
         let farthest = high.coords.amax().max(low.coords.amax());
         if !(1e-9..1e9).contains(&size) || farthest > 1e6 * size {
-            return Err(AlignError::Size { scan: number, size });
+            bail!(
+                "scan {number} is too small, too large or too far from the origin: its bounding box has a diagonal of {size:e} mm"
+            );
         }
         // If the range image has no camera, the sensor position is unknown, because the grid may have been moved.
         fn is_seen(range: &RangeImage) -> bool {
@@ -95,7 +96,7 @@ impl Cloud {
     }
 
     /// Converts the vertices of a mesh, with their normals, to a cloud.
-    fn from_mesh(mesh: &Mesh, number: usize) -> Result<Self, AlignError> {
+    fn from_mesh(mesh: &Mesh, number: usize) -> Result<Self, Error> {
         let mut is_rim = vec![false; mesh.positions().len()];
         let edges = mesh.edges();
         for (ends, _) in edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1) {
@@ -105,11 +106,7 @@ impl Cloud {
         let normals = mesh.vertex_normals();
         let kept: Vec<_> = (0..is_rim.len()).filter(|&k| normals[k].norm_squared() > 0.5).collect();
         if kept.len() < MIN_POINTS {
-            return Err(AlignError::TooFewPoints {
-                scan: number,
-                points: kept.len(),
-                least: MIN_POINTS,
-            });
+            return Err(too_few_points(number, kept.len()));
         }
         let positions: Vec<_> = kept.iter().map(|&vertex| mesh.positions()[vertex]).collect();
         let tree = Tree::new(&positions);
@@ -175,6 +172,13 @@ impl Cloud {
         sampled.tree = Tree::new(&sampled.positions);
         sampled
     }
+}
+
+/// The error of a scan with `points` different points. `number` is the number of the scan, from 1.
+fn too_few_points(number: usize, points: usize) -> Error {
+    Error::new(format!(
+        "scan {number} has {points} different points, expected at least {MIN_POINTS}"
+    ))
 }
 
 pub(super) fn bounds<'a>(

@@ -5,7 +5,6 @@ use maquette_value::value_type;
 
 mod align;
 mod align_all;
-mod align_error;
 mod alignment;
 mod cloud;
 mod features;
@@ -20,7 +19,6 @@ mod tests;
 
 pub use align::{Align, AlignMethod, align};
 pub use align_all::{AlignAll, Search, Turntable, align_all};
-pub use align_error::AlignError;
 pub use alignment::{Alignment, PairFit};
 pub use move_aligned::MoveAligned;
 

@@ -1,6 +1,7 @@
 //! Moves data into the axes of another scan.
 
-use maquette_mesh::{Motion, Movable, TransformError, transform};
+use maquette_mesh::{Motion, Movable, transform};
+use maquette_node::Error;
 use maquette_scan::Scan;
 use maquette_value::{CaptureFrame, Mesh};
 use nalgebra::Matrix4;
@@ -10,7 +11,7 @@ pub(super) fn move_item(
     what: &Movable,
     motion: &Matrix4<f64>,
     frame: Option<&CaptureFrame>,
-) -> Result<Movable, TransformError> {
+) -> Result<Movable, Error> {
     let linear = motion.fixed_view::<3, 3>(0, 0).into();
     let shift = motion.fixed_view::<3, 1>(0, 3).into();
     let pose = frame.and_then(|frame| frame.world_from_camera);
@@ -37,7 +38,7 @@ pub(super) fn move_scan(
     scan: &Scan,
     motion: &Matrix4<f64>,
     frame: Option<&CaptureFrame>,
-) -> Result<Scan, TransformError> {
+) -> Result<Scan, Error> {
     let what = match scan {
         Scan::RangeImage(range) => Movable::RangeImage(range.clone()),
         Scan::Points(points) => Movable::Points(points.clone()),

@@ -1,11 +1,10 @@
 //! Applies the motion of an alignment to other data.
 
 use maquette_mesh::Movable;
-use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer};
+use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer, bail};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::align_error::AlignError;
 use super::alignment::Alignment;
 use super::motion::move_item;
 
@@ -39,9 +38,9 @@ impl Node for MoveAligned {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let alignment = cx.get(&self.alignment);
-        let none = AlignError::NoScan { scan: self.scan, count: alignment.count() };
-        let motion = alignment.motion(self.scan).ok_or(none)?;
-        let moved = move_item(&cx.get(&self.mesh), &motion, alignment.frame().as_ref());
-        Ok((moved.map_err(AlignError::from)?,))
+        let Some(motion) = alignment.motion(self.scan) else {
+            bail!("unknown scan {}: the alignment has {} scans", self.scan, alignment.count());
+        };
+        Ok((move_item(&cx.get(&self.mesh), &motion, alignment.frame().as_ref())?,))
     }
 }

@@ -1,8 +1,7 @@
 //! Computes a rigid motion from pairs of points.
 
+use maquette_node::{Error, bail};
 use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Quaternion, SymmetricEigen, UnitQuaternion};
-
-use super::align_error::AlignError;
 
 /// Computes the rigid motion that moves the first point of each pair as close as possible to the second: it minimizes the sum of the
 /// squared distances.
@@ -44,11 +43,9 @@ const MAX_RELATIVE_ERROR: f64 = 0.1;
 ///
 /// # Errors
 /// If there are fewer than three pairs, a coordinate is not finite, the points are on a line, or the pairs contradict each other.
-pub(super) fn fit_picked_pairs(
-    pairs: &[[Point3<f64>; 2]],
-) -> Result<(Isometry3<f64>, f64), AlignError> {
+pub(super) fn fit_picked_pairs(pairs: &[[Point3<f64>; 2]]) -> Result<(Isometry3<f64>, f64), Error> {
     if pairs.len() < 3 {
-        return Err(AlignError::TooFewPairs { count: pairs.len() });
+        bail!("expected at least 3 pairs of points, found {}", pairs.len());
     }
     let mut min_spread = f64::INFINITY;
     for side in 0..2 {
@@ -62,11 +59,7 @@ pub(super) fn fit_picked_pairs(
             })
             .sum::<Matrix3<f64>>();
         if let Some(value) = spread.iter().find(|x| !x.is_finite()) {
-            return Err(AlignError::Parameter {
-                what: "pairs",
-                value: *value,
-                must: "coordinates of moderate size",
-            });
+            bail!("`pairs` is {value}, expected coordinates of moderate size");
         }
         let mut along = SymmetricEigen::new(spread).eigenvalues;
         along.as_mut_slice().sort_by(f64::total_cmp);
@@ -74,7 +67,9 @@ pub(super) fn fit_picked_pairs(
         // Both values are squared lengths, so the limit is a millionth of the length.
         if along[1] <= 1e-12 * along[2] {
             let [off, along] = [along[1], along[2]].map(|square| square.max(0.0).sqrt());
-            return Err(AlignError::Line { off, along });
+            bail!(
+                "the points of the pairs are on a line: their standard deviation is {off:.3e} mm across and {along:.3e} mm along it; add a pair beside the line"
+            );
         }
     }
     let motion = fit_motion(pairs);
@@ -83,7 +78,9 @@ pub(super) fn fit_picked_pairs(
     if MAX_RELATIVE_ERROR * min_spread < off {
         let worst = (0..apart.len()).max_by(|&a, &b| apart[a].total_cmp(&apart[b])).unwrap_or(0);
         let (most, worst) = (apart[worst], worst + 1);
-        return Err(AlignError::Contradiction { off, spread: min_spread, worst, most });
+        bail!(
+            "the pairs contradict each other: after the best motion their distance is {off:.3} mm (root mean square) for points that spread over {min_spread:.3} mm, and pair {worst} is {most:.3} mm apart; check its points, the units of both scans, and that neither is mirrored"
+        );
     }
     Ok((motion, off))
 }

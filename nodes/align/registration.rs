@@ -1,13 +1,12 @@
 //! Coarse-to-fine registration: refines start poses on finer and finer sampling grids.
 
 use maquette_mesh::Poses;
-use maquette_node::Progress;
+use maquette_node::{Error, Progress, bail};
 use maquette_scan::Scan;
 use maquette_value::CaptureFrame;
 use maquette_value::parallel::*;
 use nalgebra::{Isometry3, Matrix4, Rotation3, UnitQuaternion};
 
-use super::align_error::{AlignError, MIN_AGREEMENT, MIN_OVERLAP};
 use super::alignment::{Alignment, PairFit};
 use super::cloud::{Cloud, bounds};
 use super::features::{Candidate, DescribedCloud, best_place, sampling_edge};
@@ -23,6 +22,10 @@ const MAX_SAMPLES: f64 = 5000.0;
 const MAX_STEPS: usize = 40;
 /// The maximum number of sampling grids.
 const MAX_GRIDS: u32 = 12;
+/// The minimum fraction of a scan that must lie on the other scan, in percent.
+const MIN_OVERLAP: f64 = 5.0;
+/// The minimum fraction of the common surface on which the scans must agree, in percent.
+const MIN_AGREEMENT: f64 = 60.0;
 
 /// The start poses from which the refinement begins.
 pub(super) struct Start {
@@ -48,7 +51,7 @@ impl Start {
         candidates: &[[usize; 2]],
         allowed: MotionFilter<'_>,
         progress: &Progress<'_>,
-    ) -> Result<Self, AlignError> {
+    ) -> Result<Self, Error> {
         let edge = sampling_edge(clouds);
         let descriptions = clouds.iter().map(|cloud| DescribedCloud::new(cloud, edge, progress));
         let descriptions = descriptions.collect::<Result<Vec<_>, _>>()?;
@@ -96,15 +99,17 @@ impl Start {
         clouds: &[Cloud],
         poses: Poses,
         reach: f64,
-    ) -> Result<Self, AlignError> {
+    ) -> Result<Self, Error> {
         if !(0.0..f64::INFINITY).contains(&reach) {
-            let must = "a length of at least 0 mm";
-            return Err(AlignError::Parameter { what: "reach", value: reach, must });
+            bail!("`reach` is {reach}, expected a length of at least 0 mm");
         }
         let known: Vec<_> = scans.iter().map(|scan| frame_of(scan)?.world_from_camera).collect();
         let unknown = known.iter().position(Option::is_none);
         let poses = match (poses, unknown) {
-            (Poses::Apply, Some(scan)) => return Err(AlignError::NoPose { scan: scan + 1 }),
+            (Poses::Apply, Some(scan)) => bail!(
+                "scan {} has no pose: only captures whose camera file has `world_from_camera_mm` have one, and only until they are moved",
+                scan + 1
+            ),
             (Poses::Ignore, _) | (Poses::Auto, Some(_)) => {
                 vec![Isometry3::identity(); scans.len()]
             }
@@ -140,9 +145,12 @@ fn is_good(fit: &Fit) -> bool {
     fit.overlap(0).max(fit.overlap(1)) >= MIN_OVERLAP && fit.agreement() >= MIN_AGREEMENT
 }
 
-fn no_fit([scan, to]: [usize; 2], side: usize, fit: &Fit) -> AlignError {
+fn no_fit([scan, to]: [usize; 2], side: usize, fit: &Fit) -> Error {
     let [scan, to] = [scan + 1, to + 1];
-    AlignError::NoFit { scan, to, share: fit.overlap(side), agreement: fit.agreement() }
+    let (share, agreement) = (fit.overlap(side), fit.agreement());
+    Error::new(format!(
+        "scans {scan} and {to} do not fit: at the best position found, {share:.1} % of scan {scan} is on scan {to} (at least {MIN_OVERLAP} % required), and {agreement:.0} % of the surface that both should see agrees (at least {MIN_AGREEMENT} % required); take scans with more overlap, or use `Pairs`"
+    ))
 }
 
 /// Refines the start poses on finer and finer sampling grids. Calls `warn` if the result is doubtful.
@@ -155,7 +163,7 @@ pub(super) fn align_from(
     frame: Option<&CaptureFrame>,
     warn: &dyn Fn(String),
     progress: &Progress<'_>,
-) -> Result<Alignment, AlignError> {
+) -> Result<Alignment, Error> {
     let min_edge = clouds.iter().map(min_sampling_edge).fold(f64::INFINITY, f64::min);
     fn edge(k: u32, min_edge: f64) -> f64 {
         min_edge * f64::from(1_u32 << k)
@@ -197,7 +205,11 @@ pub(super) fn align_from(
         pair.iter().for_each(|&scan| connected[scan] = true);
     }
     if let Some(scan) = connected.iter().position(|connected| !connected) {
-        return Err(AlignError::Apart { scan: scan + 1, reach: start.reach });
+        bail!(
+            "no part of scan {} is within {:.3} mm of a scan that is connected to the first one, with similar normals; increase `reach`, or use `Features` or `Pairs`",
+            scan + 1,
+            start.reach
+        );
     }
     for scan in 1..clouds.len() {
         let of_it = fits.iter().filter(|([a, b], ..)| *a == scan || *b == scan);
@@ -228,7 +240,7 @@ pub(super) fn align_from(
         point: contact.point,
     });
     let motions: Vec<_> = poses.iter().map(Isometry3::to_homogeneous).collect();
-    Ok(Alignment::new(&motions, pair_fits.collect(), frame)?)
+    Alignment::new(&motions, pair_fits.collect(), frame)
 }
 
 /// Returns the pairs of scans whose bounding boxes are less than `reach` apart.

@@ -1,13 +1,12 @@
 //! Removes points between foreground and background.
 
-use maquette_node::{Carry, Context, Error, In, Node, Transfer};
+use maquette_node::{Carry, Context, Error, In, Node, Transfer, bail};
 use maquette_range::Rays;
 use maquette_scan::Scan;
 use maquette_value::RangeImage;
 use maquette_value::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 /// Removes flying pixels: cells of a range image, at silhouettes, whose points float between foreground and background.
 ///
@@ -36,17 +35,6 @@ fn default_angle() -> f64 {
 
 fn default_neighbors() -> u32 {
     2
-}
-
-/// Reasons why flying pixels cannot be detected.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum FlyingPixelsError {
-    /// The angle is out of range.
-    #[error("`angle` is {0}, but must be from 45 to 90 degrees")]
-    Angle(f64),
-    /// `neighbors` is larger than the number of neighbors of a cell.
-    #[error("`neighbors` is {0}, but a cell has no more than 8")]
-    Neighbors(u32),
 }
 
 impl Node for FlyingPixels {
@@ -94,16 +82,12 @@ enum Step {
 ///
 /// # Errors
 /// Returns an error if a parameter is out of range.
-pub fn flying_pixels(
-    range: &RangeImage,
-    angle: f64,
-    neighbors: u32,
-) -> Result<Vec<bool>, FlyingPixelsError> {
+pub fn flying_pixels(range: &RangeImage, angle: f64, neighbors: u32) -> Result<Vec<bool>, Error> {
     if !(45.0..=90.0).contains(&angle) {
-        return Err(FlyingPixelsError::Angle(angle));
+        bail!("`angle` is {angle}, but must be from 45 to 90 degrees");
     }
     if neighbors > 8 {
-        return Err(FlyingPixelsError::Neighbors(neighbors));
+        bail!("`neighbors` is {neighbors}, but a cell has no more than 8");
     }
     let (width, height, points) = (range.width(), range.height(), range.points());
     let (rays, slope) = (Rays::new(range), libm::tan(angle.to_radians()));
@@ -222,9 +206,11 @@ mod tests {
     fn invalid_numbers_are_errors_and_an_empty_image_stays_empty() {
         let wall = range_image(|_, _| 1000.0);
         for angle in [44.0, 91.0, f64::NAN] {
-            assert!(matches!(flying_pixels(&wall, angle, 2), Err(FlyingPixelsError::Angle(_))));
+            let error = flying_pixels(&wall, angle, 2).unwrap_err().to_string();
+            assert_eq!(error, format!("`angle` is {angle}, but must be from 45 to 90 degrees"));
         }
-        assert_eq!(flying_pixels(&wall, 80.0, 9), Err(FlyingPixelsError::Neighbors(9)));
+        let error = flying_pixels(&wall, 80.0, 9).unwrap_err().to_string();
+        assert_eq!(error, "`neighbors` is 9, but a cell has no more than 8");
         assert!(flying(&range_image(|_, _| f64::NAN), 2).is_empty());
         let empty = RangeImage::new(0, 0, Vec::new()).unwrap();
         assert!(flying_pixels(&empty, 80.0, 2).unwrap().is_empty());

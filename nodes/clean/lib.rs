@@ -4,17 +4,15 @@ use maquette_node::{Pack, node};
 
 mod flying_pixels;
 mod remesh;
-mod remesh_error;
 mod remove_outliers;
 #[cfg(test)]
 mod shapes;
 mod smooth;
 
-pub use flying_pixels::{FlyingPixels, FlyingPixelsError, flying_pixels};
+pub use flying_pixels::{FlyingPixels, flying_pixels};
 pub use remesh::{Remesh, remesh};
-pub use remesh_error::RemeshError;
-pub use remove_outliers::{Outliers, OutliersError, RemoveOutliers, outliers};
-pub use smooth::{Smooth, SmoothError, smooth};
+pub use remove_outliers::{Outliers, RemoveOutliers, outliers};
+pub use smooth::{Smooth, smooth};
 
 /// The pack of nodes that clean scans.
 pub static PACK: Pack = Pack {

@@ -2,7 +2,7 @@
 
 use maquette_node::{
     CancelledError, Carry, Context, Error, Estimate, In, Limit, Node, Progress, Promise, Transfer,
-    Want,
+    Want, bail,
 };
 use maquette_value::Mesh;
 use maquette_value::parallel::*;
@@ -11,8 +11,6 @@ use net::{Kind, NONE, Net};
 use original::Original;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use crate::remesh_error::RemeshError;
 
 mod net;
 mod original;
@@ -114,12 +112,12 @@ pub fn remesh(
     length: f64,
     angle: f64,
     progress: &Progress<'_>,
-) -> Result<Mesh, RemeshError> {
+) -> Result<Mesh, Error> {
     if !(0.0 <= length && length.is_finite()) {
-        return Err(RemeshError::Length(length));
+        bail!("`length` is {length} mm, but must be a number from 0 on");
     }
     if !(0.0..=180.0).contains(&angle) {
-        return Err(RemeshError::Angle(angle));
+        bail!("`angle` is {angle}, but must be from 0 to 180 degrees");
     }
     let length = self::length(mesh, length);
     let count = count(mesh, length);

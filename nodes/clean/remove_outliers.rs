@@ -1,12 +1,11 @@
 //! Removes isolated points.
 
 use maquette_base::tree::Tree;
-use maquette_node::{CancelledError, Carry, Context, Error, In, Node, Progress, Transfer};
+use maquette_node::{CancelledError, Carry, Context, Error, In, Node, Progress, Transfer, bail};
 use maquette_scan::Scan;
 use maquette_value::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 /// Removes stray points of a scan: points that have no other points near them.
 ///
@@ -67,23 +66,6 @@ impl Default for Outliers {
     }
 }
 
-/// Reasons why isolated points cannot be found.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum OutliersError {
-    /// The number of neighbors is out of range.
-    #[error("`neighbors` is {0}, but must be from 1 to 1000")]
-    Neighbors(u32),
-    /// The ratio is out of range.
-    #[error("`ratio` is {0}, but must be a number from 0 on")]
-    Ratio(f64),
-    /// The radius is out of range.
-    #[error("`radius` is {0} mm, but must be a number above 0")]
-    Radius(f64),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
-}
-
 impl Node for RemoveOutliers {
     type Outputs = (Scan,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
@@ -109,21 +91,17 @@ impl Node for RemoveOutliers {
 ///
 /// # Errors
 /// Returns an error if a parameter is out of range, or the evaluation is cancelled.
-pub fn outliers(
-    scan: &Scan,
-    by: Outliers,
-    progress: &Progress<'_>,
-) -> Result<Vec<bool>, OutliersError> {
+pub fn outliers(scan: &Scan, by: Outliers, progress: &Progress<'_>) -> Result<Vec<bool>, Error> {
     let (Outliers::Spread { neighbors, .. } | Outliers::Radius { neighbors, .. }) = by;
     if !(1..=1000).contains(&neighbors) {
-        return Err(OutliersError::Neighbors(neighbors));
+        bail!("`neighbors` is {neighbors}, but must be from 1 to 1000");
     }
     match by {
         Outliers::Spread { ratio, .. } if ratio.is_nan() || ratio < 0.0 => {
-            return Err(OutliersError::Ratio(ratio));
+            bail!("`ratio` is {ratio}, but must be a number from 0 on");
         }
         Outliers::Radius { radius, .. } if radius.is_nan() || radius <= 0.0 => {
-            return Err(OutliersError::Radius(radius));
+            bail!("`radius` is {radius} mm, but must be a number above 0");
         }
         _ => {}
     }
@@ -260,16 +238,22 @@ mod tests {
                 stray_points(&scan(vec![Point3::origin(); count]), Outliers::default()).is_empty()
             );
         }
-        fn run(by: Outliers) -> OutliersError {
-            outliers(&scan(cloud()), by, &Progress::silent()).unwrap_err()
+        fn run(by: Outliers) -> String {
+            outliers(&scan(cloud()), by, &Progress::silent()).unwrap_err().to_string()
         }
-        assert_eq!(run(Outliers::Spread { neighbors: 0, ratio: 1.0 }), OutliersError::Neighbors(0));
-        assert_eq!(run(Outliers::Spread { neighbors: 2, ratio: -1.0 }), OutliersError::Ratio(-1.0));
+        assert_eq!(
+            run(Outliers::Spread { neighbors: 0, ratio: 1.0 }),
+            "`neighbors` is 0, but must be from 1 to 1000"
+        );
+        assert_eq!(
+            run(Outliers::Spread { neighbors: 2, ratio: -1.0 }),
+            "`ratio` is -1, but must be a number from 0 on"
+        );
         fn radius(radius: f64) -> Outliers {
             Outliers::Radius { radius, neighbors: 2 }
         }
-        assert_eq!(run(radius(0.0)), OutliersError::Radius(0.0));
-        assert!(matches!(run(radius(f64::NAN)), OutliersError::Radius(_)));
+        assert_eq!(run(radius(0.0)), "`radius` is 0 mm, but must be a number above 0");
+        assert_eq!(run(radius(f64::NAN)), "`radius` is NaN mm, but must be a number above 0");
     }
 
     #[test]

@@ -1,12 +1,11 @@
 //! Removes small detail from a surface.
 
-use filter::{Filter, FilterError};
-use maquette_node::{Carry, Context, Error, Estimate, In, Node, Progress, Promise, Transfer};
-use maquette_value::{Mesh, MeshError};
+use filter::Filter;
+use maquette_node::{Carry, Context, Error, Estimate, In, Node, Progress, Promise, Transfer, bail};
+use maquette_value::Mesh;
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 mod filter;
 
@@ -29,20 +28,6 @@ pub struct Smooth {
     /// If true, borders and creases do not change; otherwise they are smoothed along themselves.
     #[serde(default)]
     pub keep_borders: bool,
-}
-
-/// Reasons why a surface cannot be smoothed.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum SmoothError {
-    /// The length is out of range.
-    #[error("`length` is {0} mm, but must be a number from 0 on")]
-    Length(f64),
-    /// The equations of the filter could not be solved.
-    #[error(transparent)]
-    Filter(#[from] FilterError),
-    /// The positions exceed the largest coordinate of a mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
 }
 
 impl Node for Smooth {
@@ -105,9 +90,9 @@ pub fn smooth(
     length: f64,
     keep_borders: bool,
     progress: &Progress<'_>,
-) -> Result<Mesh, SmoothError> {
+) -> Result<Mesh, Error> {
     if !(0.0 <= length && length.is_finite()) {
-        return Err(SmoothError::Length(length));
+        bail!("`length` is {length} mm, but must be a number from 0 on");
     }
     let edges = mesh.edges();
     let points = mesh.positions();

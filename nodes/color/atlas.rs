@@ -1,12 +1,12 @@
 //! Texture atlases: pictures in which each point of a mesh has its own texel.
 
-use maquette_node::{CancelledError, Progress};
+use maquette_node::{CancelledError, Error, Progress};
 use maquette_value::{Attribute, Image, Mesh, Rgb};
 use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::layout::{Layout, LayoutError, lay_out, overlap};
+use super::layout::{Layout, lay_out, overlap};
 
 /// The source of an atlas's texture coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -30,7 +30,7 @@ pub(crate) fn with_atlas(
     layout: &Layout,
     doubt: &dyn Fn(String),
     progress: &Progress<'_>,
-) -> Result<Mesh, LayoutError> {
+) -> Result<Mesh, Error> {
     layout.check()?;
     let own = (coordinates == Coordinates::Own).then(|| corner_uv(mesh)).flatten();
     let Some(uv) = own else { return Ok(lay_out(mesh, layout, progress)?.mesh) };

@@ -1,12 +1,11 @@
 //! Bakes the colors of several captures into one texture of a mesh.
 
-pub use bake_error::BakeError;
 pub use baking::{Baking, Level};
 use level::Leveling;
 use maquette_base::topology::lists::Lists;
 use maquette_mesh::Poses;
 use maquette_node::{
-    Carry, Context, Error, Estimate, FieldError, In, Limit, Node, Progress, Promise, Transfer,
+    Carry, Context, Error, Estimate, FieldError, In, Limit, Node, Progress, Promise, Transfer, bail,
 };
 use maquette_value::{Image, Mask, Mesh, Rgb, Value};
 use membrane::Membrane;
@@ -21,7 +20,6 @@ use super::atlas::{Coordinates, Texels, with_atlas};
 use super::layout::{Layout, SIZE};
 use super::light::color_of;
 
-mod bake_error;
 mod baking;
 mod camera;
 mod level;
@@ -143,10 +141,10 @@ pub fn bake(
     size: usize,
     how: &Baking,
     progress: &Progress<'_>,
-) -> Result<BakedMesh, BakeError> {
+) -> Result<BakedMesh, Error> {
     how.check()?;
     if captures.is_empty() {
-        return Err(BakeError::NoCaptures);
+        bail!("the list `captures` is empty: there is nothing to take colors from");
     }
     CAPTURES.check("the picture", captures.len() as f64)?;
     let motions = motions(mesh, captures, how.poses)?;
@@ -166,7 +164,11 @@ pub fn bake(
     if samples.is_empty() {
         nearest.sort_by(f64::total_cmp);
         let distance = nearest[nearest.len() / 2];
-        return Err(BakeError::NothingSeen { captures: captures.len(), distance, tolerance });
+        bail!(
+            "none of the {} captures sees anything of the mesh: its vertices are {distance:.3} mm from the nearest capture in the middle \
+             of all, and {tolerance:.3} mm are tolerated; are `poses` and `tolerance` right?",
+            captures.len()
+        );
     }
     let of_texels = Lists::group(spots.len(), || samples.iter().map(|it| it.texel).zip(0..));
     progress.tick(0.6)?;
@@ -217,7 +219,7 @@ fn pose(mesh: &Mesh) -> Option<Matrix4<f64>> {
 
 /// Returns the motion of each capture into the coordinates of the mesh. These are the coordinates of the mesh's capture frame, or world
 /// coordinates if the mesh has no frame.
-fn motions(mesh: &Mesh, captures: &[&Mesh], poses: Poses) -> Result<Vec<Matrix4<f64>>, BakeError> {
+fn motions(mesh: &Mesh, captures: &[&Mesh], poses: Poses) -> Result<Vec<Matrix4<f64>>, Error> {
     let stay = vec![Matrix4::identity(); captures.len()];
     let known: Vec<_> = captures.iter().map(|capture| pose(capture)).collect();
     let nowhere = known.iter().position(Option::is_none);
@@ -227,7 +229,10 @@ fn motions(mesh: &Mesh, captures: &[&Mesh], poses: Poses) -> Result<Vec<Matrix4<
     };
     Ok(match (poses, nowhere, own) {
         (Poses::Ignore, ..) => stay,
-        (Poses::Apply, Some(place), _) => return Err(BakeError::NoPose { capture: place + 1 }),
+        (Poses::Apply, Some(place), _) => bail!(
+            "capture {} has no pose: only captures whose camera file has `world_from_camera_mm` have one, and only until they are moved",
+            place + 1
+        ),
         (Poses::Apply, None, own) => {
             let own = own.unwrap_or_else(Matrix4::identity);
             known.into_iter().flatten().map(|pose| own * pose).collect()

@@ -1,8 +1,7 @@
 //! Bakes vertex colors into a texture.
 
 use maquette_node::{
-    CancelledError, Carry, Context, Error, Estimate, FieldError, In, Node, Progress, Promise,
-    Transfer,
+    Carry, Context, Error, Estimate, FieldError, In, Node, Progress, Promise, Transfer, bail,
 };
 use maquette_value::parallel::*;
 use maquette_value::{Image, Mesh, Rgb};
@@ -26,24 +25,6 @@ pub struct ColorsToTexture {
     /// Source of the texture coordinates.
     #[serde(default)]
     pub coordinates: Coordinates,
-}
-
-/// Reasons why colors cannot be baked.
-#[derive(Debug, thiserror::Error)]
-pub enum ColorsToTextureError {
-    /// The mesh has no colors.
-    #[error(
-        "the mesh has no colors: neither its {vertices} vertices nor its {corners} corners have the attribute `color`"
-    )]
-    NoColors {
-        /// The number of the mesh's vertices.
-        vertices: usize,
-        /// The number of the mesh's corners.
-        corners: usize,
-    },
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
 }
 
 impl Node for ColorsToTexture {
@@ -87,11 +68,7 @@ impl Node for ColorsToTexture {
 ///
 /// # Panics
 /// Panics if the mesh has no `uv` at its corners.
-pub fn colors_to_texture(
-    mesh: &Mesh,
-    size: usize,
-    progress: &Progress<'_>,
-) -> Result<Mesh, ColorsToTextureError> {
+pub fn colors_to_texture(mesh: &Mesh, size: usize, progress: &Progress<'_>) -> Result<Mesh, Error> {
     let colors = corner_colors(mesh)?;
     let texels = Texels::new(mesh, [size, size], progress)?;
     let drawn: Vec<Rgb> = texels
@@ -114,7 +91,7 @@ pub fn colors_to_texture(
 }
 
 /// Returns the color of each corner.
-fn corner_colors(mesh: &Mesh) -> Result<Vec<Rgb>, ColorsToTextureError> {
+fn corner_colors(mesh: &Mesh) -> Result<Vec<Rgb>, Error> {
     let corners = mesh.faces().corners();
     if let Some(colors) = mesh.corner().colors("color") {
         return Ok(colors.to_vec());
@@ -123,7 +100,9 @@ fn corner_colors(mesh: &Mesh) -> Result<Vec<Rgb>, ColorsToTextureError> {
         Some(colors) => Ok(corners.iter().map(|&vertex| colors[vertex as usize]).collect()),
         None => {
             let (vertices, corners) = (mesh.positions().len(), corners.len());
-            Err(ColorsToTextureError::NoColors { vertices, corners })
+            bail!(
+                "the mesh has no colors: neither its {vertices} vertices nor its {corners} corners have the attribute `color`"
+            )
         }
     }
 }

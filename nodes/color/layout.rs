@@ -2,11 +2,11 @@
 
 use chart::Chart;
 use maquette_base::topology::union_find::UnionFind;
-use maquette_node::{CancelledError, FieldError, Limit, LimitError, Progress};
+use maquette_node::{CancelledError, Error, FieldError, Limit, Progress, bail};
 use maquette_value::parallel::*;
-use maquette_value::{Attribute, Mesh, MeshError};
+use maquette_value::{Attribute, Mesh};
 use nalgebra::Vector3;
-use pack::{PackError, Piece, pack};
+use pack::{Piece, pack};
 use schemars::JsonSchema;
 use segment::{NONE, faces_of_corners, opposites, segment};
 use serde::{Deserialize, Serialize};
@@ -61,60 +61,6 @@ impl Default for Layout {
 pub(crate) const SIZE: Limit =
     Limit { max: 8192, items: "pixels along a side", help: "choose a smaller `size`" };
 
-/// Reasons why a mesh has no layout.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum LayoutError {
-    /// The mesh has no faces.
-    #[error("the mesh has no faces, so that there is nothing to lay out")]
-    Empty,
-    /// All faces have zero area.
-    #[error("all {faces} faces of the mesh have zero area: nothing can be laid out")]
-    NoArea {
-        /// The number of the mesh's faces.
-        faces: usize,
-    },
-    /// The size of the mesh overflows.
-    #[error(
-        "the mesh is {extent:e} mm large, or too far from the origin, which cannot be measured"
-    )]
-    Far {
-        /// The size of the mesh in mm.
-        extent: f64,
-    },
-    /// A parameter is out of range.
-    #[error("`{what}` is {value}, but must be {must}")]
-    Parameter {
-        /// The name of the parameter.
-        what: &'static str,
-        /// The value of the parameter.
-        value: f64,
-        /// The allowed range of the value.
-        must: &'static str,
-    },
-    /// The charts, with their padding, do not fit into the atlas.
-    #[error(
-        "{charts} charts with a padding of {padding} px do not fit into {size} x {size} px: choose a larger `size` or `bend`, or a \
-         smaller `padding`"
-    )]
-    Full {
-        /// The number of charts that the atlas should contain.
-        charts: usize,
-        /// The padding: texels between charts.
-        padding: usize,
-        /// The width of the atlas.
-        size: usize,
-    },
-    /// The atlas is too large.
-    #[error(transparent)]
-    TooMuch(#[from] LimitError),
-    /// The mesh would have too many corners.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
-}
-
 impl Layout {
     /// Checks that a chart and its padding fit into the atlas.
     ///
@@ -132,19 +78,16 @@ impl Layout {
 
     /// # Errors
     /// Returns an error if a parameter is out of range.
-    pub(crate) fn check(&self) -> Result<(), LayoutError> {
+    pub(crate) fn check(&self) -> Result<(), Error> {
         SIZE.check("the atlas", self.size as f64)?;
-        fn wrong(what: &'static str, value: f64, must: &'static str) -> Result<(), LayoutError> {
-            Err(LayoutError::Parameter { what, value, must })
-        }
         if self.size < 16 {
-            return wrong("size", self.size as f64, "at least 16 px");
+            bail!("`size` is {}, but must be at least 16 px", self.size);
         }
         if 256 < self.padding {
-            return wrong("padding", self.padding as f64, "at most 256 px");
+            bail!("`padding` is {}, but must be at most 256 px", self.padding);
         }
         if !(1.0..=80.0).contains(&self.bend) {
-            return wrong("bend", self.bend, "from 1 to 80 degrees");
+            bail!("`bend` is {}, but must be from 1 to 80 degrees", self.bend);
         }
         Ok(())
     }
@@ -170,11 +113,7 @@ pub struct LaidOut {
 ///
 /// # Errors
 /// Returns an error if there are no faces, a parameter is out of range, or the charts do not fit.
-pub fn lay_out(
-    mesh: &Mesh,
-    layout: &Layout,
-    progress: &Progress<'_>,
-) -> Result<LaidOut, LayoutError> {
+pub fn lay_out(mesh: &Mesh, layout: &Layout, progress: &Progress<'_>) -> Result<LaidOut, Error> {
     layout.check()?;
     check(mesh)?;
     let surface = Surface { mesh, opposites: opposites(mesh), of_corner: faces_of_corners(mesh) };
@@ -193,10 +132,13 @@ pub fn lay_out(
         .map(|chart| Piece { triangles: &chart.triangles, flat: chart.flat.clone() })
         .collect();
     let Layout { size, padding, .. } = *layout;
-    let packed = pack(&pieces, size, padding, progress).map_err(|error| match error {
-        PackError::Full => LayoutError::Full { charts: charts.len(), padding, size },
-        PackError::Cancelled(error) => error.into(),
-    })?;
+    let Some(packed) = pack(&pieces, size, padding, progress)? else {
+        bail!(
+            "{} charts with a padding of {padding} px do not fit into {size} x {size} px: choose a larger `size` or `bend`, or a \
+             smaller `padding`",
+            charts.len()
+        );
+    };
     let mut uv = vec![[0.0; 2]; mesh.faces().corners().len()];
     for (chart, places) in charts.iter().zip(&packed.places) {
         let corners = chart.faces.iter().flat_map(|&face| {
@@ -215,20 +157,23 @@ pub fn lay_out(
     Ok(LaidOut { mesh, charts: charts.len(), scale: packed.scale })
 }
 
-fn check(mesh: &Mesh) -> Result<(), LayoutError> {
+fn check(mesh: &Mesh) -> Result<(), Error> {
     let Some((low, high)) = mesh.bounds().filter(|_| !mesh.faces().is_empty()) else {
-        return Err(LayoutError::Empty);
+        bail!("the mesh has no faces, so that there is nothing to lay out");
     };
     let extent = (high - low).amax();
     let far = low.coords.amax().max(high.coords.amax());
     if !(extent < 1e100 && far < 1e100) {
-        return Err(LayoutError::Far { extent });
+        bail!(
+            "the mesh is {extent:e} mm large, or too far from the origin, which cannot be measured"
+        );
     }
     let area: f64 = mesh.faces().iter().map(|face| mesh.area_vector(face).norm()).sum();
-    match 0.0 < area && 1e-100 < extent {
-        true => Ok(()),
-        false => Err(LayoutError::NoArea { faces: mesh.faces().len() }),
+    if !(0.0 < area && 1e-100 < extent) {
+        let faces = mesh.faces().len();
+        bail!("all {faces} faces of the mesh have zero area: nothing can be laid out");
     }
+    Ok(())
 }
 
 /// A mesh with the adjacency of its faces.

@@ -13,10 +13,10 @@ mod texture_to_colors;
 mod unwrap;
 
 pub use atlas::Coordinates;
-pub use bake::{Bake, BakeError, BakedMesh, Baking, Level, bake};
-pub use colors_to_texture::{ColorsToTexture, ColorsToTextureError, colors_to_texture};
-pub use layout::{LaidOut, Layout, LayoutError, lay_out};
-pub use texture_to_colors::{Sampling, TextureToColors, TextureToColorsError, texture_to_colors};
+pub use bake::{Bake, BakedMesh, Baking, Level, bake};
+pub use colors_to_texture::{ColorsToTexture, colors_to_texture};
+pub use layout::{LaidOut, Layout, lay_out};
+pub use texture_to_colors::{Sampling, TextureToColors, texture_to_colors};
 pub use unwrap::Unwrap;
 
 /// Nodes that color surfaces: texture atlases, baking of captures and of vertex colors.

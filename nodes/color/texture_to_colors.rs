@@ -4,8 +4,9 @@ use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use maquette_base::topology::lists::Lists;
 use maquette_node::{
     CancelledError, Carry, Context, Error, Estimate, In, Limit, Node, Progress, Promise, Transfer,
+    bail,
 };
-use maquette_value::{Attribute, Image, Material, Mesh, MeshError};
+use maquette_value::{Attribute, Image, Material, Mesh};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -32,31 +33,6 @@ pub enum Sampling {
     Area,
     /// The texture's color at the vertex, interpolated between four texels; at a seam the mean of all its positions.
     Point,
-}
-
-/// Reasons why a texture cannot be sampled.
-#[derive(Debug, thiserror::Error)]
-pub enum TextureToColorsError {
-    /// The mesh has no texture.
-    #[error("the mesh has no picture: add one with `Texture`, `Bake` or `ColorsToTexture`")]
-    NoPicture,
-    /// The mesh has no texture coordinates.
-    #[error(
-        "the mesh has no texture coordinates `uv`, by which its {vertices} vertices could find their colors in the picture"
-    )]
-    NoCoordinates {
-        /// The number of the mesh's vertices.
-        vertices: usize,
-    },
-    /// The texture is too large.
-    #[error(transparent)]
-    TooMuch(#[from] maquette_node::LimitError),
-    /// The equations have no solution; impossible for a valid mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
 }
 
 /// Maximum number of pixels of a texture that is sampled by area.
@@ -105,11 +81,16 @@ pub fn texture_to_colors(
     mesh: &Mesh,
     by: Sampling,
     progress: &Progress<'_>,
-) -> Result<Mesh, TextureToColorsError> {
-    let picture = mesh.texture().filter(|it| !it.pixels().is_empty());
-    let picture = picture.ok_or(TextureToColorsError::NoPicture)?;
-    let vertices = mesh.positions().len();
-    let uv = corner_uv(mesh).ok_or(TextureToColorsError::NoCoordinates { vertices })?;
+) -> Result<Mesh, Error> {
+    let Some(picture) = mesh.texture().filter(|it| !it.pixels().is_empty()) else {
+        bail!("the mesh has no picture: add one with `Texture`, `Bake` or `ColorsToTexture`");
+    };
+    let Some(uv) = corner_uv(mesh) else {
+        bail!(
+            "the mesh has no texture coordinates `uv`, by which its {} vertices could find their colors in the picture",
+            mesh.positions().len()
+        );
+    };
     let mut colors = at_vertices(mesh, &uv);
     if by == Sampling::Area && mesh.face_materials().is_none() {
         let size = [picture.width(), picture.height()];

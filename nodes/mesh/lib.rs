@@ -5,7 +5,6 @@ use maquette_node::{Pack, node};
 mod common_frame;
 mod followed;
 mod merge;
-mod merge_error;
 mod motion;
 mod movable;
 mod moved_mesh;
@@ -21,19 +20,16 @@ mod transform;
 mod turned_faces;
 
 pub use merge::{Merge, merge};
-pub use merge_error::MergeError;
-pub use motion::{Motion, TransformError};
+pub use motion::Motion;
 pub use movable::Movable;
-pub use orient::{OneSided, Orient, OrientError, OrientedMesh, Outside, orient};
+pub use orient::{Orient, OrientedMesh, Outside, orient};
 pub use poses::Poses;
-pub use primitive::{Primitive, PrimitiveError, Shape, primitive};
-pub use read_curve::{ReadCurve, ReadCurveError, curve_in_millimeters, read_curve};
+pub use primitive::{Primitive, Shape, primitive};
+pub use read_curve::{ReadCurve, curve_in_millimeters, read_curve};
 pub use read_mesh::{ReadMesh, mesh_in_millimeters, read_mesh};
 pub use read_points::{ReadPoints, in_millimeters};
-pub use reconstruct::{
-    FaceKind, Normals, Options, Reconstruct, ReconstructError, SkinKind, reconstruct,
-};
-pub use texture::{Mapping, Texture, TextureError, Window, texture};
+pub use reconstruct::{FaceKind, Normals, Options, Reconstruct, SkinKind, reconstruct};
+pub use texture::{Mapping, Texture, Window, texture};
 pub use transform::{Transform, transform};
 
 /// Nodes on meshes, points and curves.

@@ -13,7 +13,6 @@ use serde::{Deserialize, Serialize};
 
 use super::common_frame::common_frame;
 use super::followed::{Part, move_vertices};
-use super::merge_error::MergeError;
 use super::motion::Motion;
 use super::moved_mesh::moved_mesh;
 use super::poses::Poses;
@@ -112,6 +111,13 @@ fn is_colored(mesh: &Mesh) -> bool {
 const BYTES: Limit =
     Limit { max: 4_000_000_000, items: "bytes", help: "merge fewer or coarser meshes" };
 
+/// Returns the error for a mesh without a pose. `mesh` is the number of the mesh in the list, from 1.
+pub(super) fn no_pose_error(mesh: usize) -> Error {
+    Error::new(format!(
+        "mesh {mesh} has no pose: only captures whose camera file has `world_from_camera_mm` have one, and only until they are moved"
+    ))
+}
+
 fn pose<'a>(mesh: &&'a Mesh) -> Option<&'a Matrix4<f64>> {
     mesh.frame()?.world_from_camera.as_ref()
 }
@@ -125,13 +131,13 @@ fn pose<'a>(mesh: &&'a Mesh) -> Option<&'a Matrix4<f64>> {
 ///
 /// # Errors
 /// Returns an error if a pose is missing with [`Poses::Apply`], or the result is too large for a mesh.
-pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
+pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, Error> {
     let Some(&first) = meshes.first() else {
         return Ok(Mesh::new(Vec::new(), Faces::triangles(Vec::new()))?);
     };
     let nowhere = meshes.iter().position(|mesh| pose(mesh).is_none());
     if let (Some(place), Poses::Apply) = (nowhere, poses) {
-        return Err(MergeError::NoPose { mesh: place + 1 });
+        return Err(no_pose_error(place + 1));
     }
     fn bare_size(mesh: &Mesh) -> usize {
         mesh.clone().with_materials([]).size()
@@ -288,7 +294,7 @@ fn creases(parts: &[Mesh]) -> Vec<([u32; 2], f64)> {
 }
 
 /// Adds the attributes of all parts to the mesh that was made of the parts.
-fn with_attributes(mut merged: Mesh, parts: &[Mesh]) -> Result<Mesh, MergeError> {
+fn with_attributes(mut merged: Mesh, parts: &[Mesh]) -> Result<Mesh, MeshError> {
     /// Returns the concatenated attributes of one kind of element; `part` returns those of one mesh and the number of its elements.
     fn concatenate_each(
         parts: &[Mesh],
@@ -414,7 +420,7 @@ mod tests {
         assert_eq!(merged.positions()[4], Point3::new(5.0, 0.0, 0.0));
         let creases: Vec<_> = merged.creases().collect();
         assert_eq!(creases, [([0, 1], 3.0), ([6, 7], 1.0)]);
-        assert_eq!(merge(&[&first], Poses::Auto), Ok(first));
+        assert_eq!(merge(&[&first], Poses::Auto).unwrap(), first);
     }
 
     #[test]
@@ -453,7 +459,7 @@ mod tests {
         let merged = merge(&[&first, &second], Poses::Auto).unwrap();
         assert_eq!(merged.positions()[0], Point3::origin());
         let error = merge(&[&first, &second], Poses::Apply).unwrap_err();
-        assert_eq!(error, MergeError::NoPose { mesh: 2 });
+        assert!(error.to_string().starts_with("mesh 2 has no pose: only captures "), "{error}");
         let mixed = merge(&[&first, &square(0.0, true)], Poses::Auto).unwrap();
         assert_eq!(mixed.frame(), None);
     }

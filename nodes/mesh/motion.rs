@@ -1,36 +1,8 @@
 //! Affine motions: translation, rotation and scaling.
 
+use maquette_node::{Error, bail};
 use maquette_value::parallel::*;
-use maquette_value::{ControlNetError, CurveError, MeshError, PointsError, SizeError};
 use nalgebra::{Matrix3, Point3, Vector3};
-
-/// Reasons why a value cannot be moved.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum TransformError {
-    /// A scale is 0 or not a number; 0 would flatten the value.
-    #[error("the scale along {axis} is {scale}, but it must be a number other than 0")]
-    Flat {
-        /// The axis: x, y or z.
-        axis: char,
-        /// The scale along the axis.
-        scale: f64,
-    },
-    /// The moved mesh exceeds the largest coordinate.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// The range image has another size; never happens, because the grid is kept.
-    #[error(transparent)]
-    RangeImage(#[from] SizeError),
-    /// The moved points exceed the largest coordinate.
-    #[error(transparent)]
-    Points(#[from] PointsError),
-    /// The moved curve exceeds the largest coordinate.
-    #[error(transparent)]
-    Curve(#[from] CurveError),
-    /// The moved control net exceeds the largest coordinate.
-    #[error(transparent)]
-    ControlNet(#[from] ControlNetError),
-}
 
 /// A linear map and a translation: `moved = linear * point + shift`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,15 +18,11 @@ impl Motion {
     ///
     /// # Errors
     /// Returns an error if a scale is 0 or not finite.
-    pub fn new(
-        translate: [f64; 3],
-        rotate: [f64; 3],
-        scale: [f64; 3],
-    ) -> Result<Self, TransformError> {
+    pub fn new(translate: [f64; 3], rotate: [f64; 3], scale: [f64; 3]) -> Result<Self, Error> {
         let flat =
             ['x', 'y', 'z'].into_iter().zip(scale).find(|(_, s)| *s == 0.0 || !s.is_finite());
         if let Some((axis, scale)) = flat {
-            return Err(TransformError::Flat { axis, scale });
+            bail!("the scale along {axis} is {scale}, but it must be a number other than 0");
         }
         let [[cx, sx], [cy, sy], [cz, sz]] = rotate.map(cosine_and_sine);
         let x = Matrix3::new(1.0, 0.0, 0.0, 0.0, cx, -sx, 0.0, sx, cx);

@@ -1,14 +1,12 @@
 //! Orients faces outward.
 
-use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer};
+use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer, bail};
 use maquette_value::{Attribute, Mesh, MeshError};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-pub use sheets::OneSided;
 use sheets::Sheets;
 use side::outward_sides;
-use thiserror::Error;
 
 use super::turned_faces::turned_faces;
 
@@ -44,20 +42,6 @@ pub enum Outside {
     LargestPart,
     /// The opposite side of each face, regardless of its neighbors.
     Flip,
-}
-
-/// Reasons why faces cannot be oriented.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum OrientError {
-    /// A part is not orientable, such as a Moebius strip.
-    #[error(transparent)]
-    OneSided(#[from] OneSided),
-    /// The position of the sensor is unknown.
-    #[error("the mesh is not from a capture, so its sensor is unknown: use `outside: Outward`")]
-    NoSensor,
-    /// The mesh is invalid, which cannot happen.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
 }
 
 impl Node for Orient {
@@ -106,13 +90,13 @@ pub struct OrientedMesh {
 ///
 /// # Errors
 /// Returns an error if a part has only one side, or the sensor is unknown.
-pub fn orient(mesh: &Mesh, outside: Outside) -> Result<OrientedMesh, OrientError> {
+pub fn orient(mesh: &Mesh, outside: Outside) -> Result<OrientedMesh, Error> {
     if outside == Outside::Flip {
         let mesh = flip_faces(mesh, &vec![true; mesh.faces().len()])?;
         return Ok(OrientedMesh { mesh, undecided: 0, crowded: None });
     }
     if outside == Outside::Sensor && mesh.frame().is_none() {
-        return Err(OrientError::NoSensor);
+        bail!("the mesh is not from a capture, so its sensor is unknown: use `outside: Outward`");
     }
     let sheets = Sheets::new(mesh)?;
     let agreeing = flip_faces(mesh, &sheets.is_turned)?;

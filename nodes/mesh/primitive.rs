@@ -3,12 +3,11 @@
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use maquette_node::{Context, Error, Node, Promise};
+use maquette_node::{Context, Error, Node, Promise, bail};
 use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 use schemars::{JsonSchema, json_schema};
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 /// Makes a simple solid: a box, a cylinder or a sphere, for example one that `Boolean` subtracts from a scan or unites with it.
 ///
@@ -73,30 +72,6 @@ impl Default for Shape {
 /// Maximum number of quads around a solid.
 const MAX_SIDES: u32 = 4096;
 
-/// Reasons why a solid cannot be made.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum PrimitiveError {
-    /// A length is not a positive number.
-    #[error("`{name}` is {length} mm, but must be a number above 0")]
-    Length {
-        /// The name of the parameter.
-        name: &'static str,
-        /// The value of the parameter in mm.
-        length: f64,
-    },
-    /// The number of sides is out of range.
-    #[error("`sides` is {sides}, but must be {must}")]
-    Sides {
-        /// The requested number of sides.
-        sides: u32,
-        /// The allowed range of the number.
-        must: &'static str,
-    },
-    /// The positions exceed the largest coordinate of a mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-}
-
 impl Node for Primitive {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
@@ -118,12 +93,12 @@ impl Node for Primitive {
 ///
 /// # Errors
 /// Returns an error if a length is not positive, `sides` is out of range, or positions are too large.
-pub fn primitive(shape: Shape, center: Point3<f64>) -> Result<Mesh, PrimitiveError> {
-    fn length(name: &'static str, length: f64) -> Result<(), PrimitiveError> {
-        match length > 0.0 && length.is_finite() {
-            true => Ok(()),
-            false => Err(PrimitiveError::Length { name, length }),
+pub fn primitive(shape: Shape, center: Point3<f64>) -> Result<Mesh, Error> {
+    fn length(name: &str, length: f64) -> Result<(), Error> {
+        if !(length > 0.0 && length.is_finite()) {
+            bail!("`{name}` is {length} mm, but must be a number above 0");
         }
+        Ok(())
     }
     let (places, faces) = match shape {
         Shape::Box { size } => {
@@ -145,15 +120,14 @@ pub fn primitive(shape: Shape, center: Point3<f64>) -> Result<Mesh, PrimitiveErr
             length("radius", radius)?;
             length("height", height)?;
             if !(3..=MAX_SIDES).contains(&sides) {
-                return Err(PrimitiveError::Sides { sides, must: "from 3 to 4096" });
+                bail!("`sides` is {sides}, but must be from 3 to 4096");
             }
             cylinder(radius, height, sides)?
         }
         Shape::Sphere { radius, sides } => {
             length("radius", radius)?;
             if !(4..=MAX_SIDES).contains(&sides) || !sides.is_multiple_of(4) {
-                let must = "a multiple of 4 from 4 to 4096";
-                return Err(PrimitiveError::Sides { sides, must });
+                bail!("`sides` is {sides}, but must be a multiple of 4 from 4 to 4096");
             }
             let steps = sides / 4;
             let (corners, faces) = cube(steps);
@@ -293,6 +267,6 @@ mod tests {
         let odd = Shape::Sphere { radius: 1.0, sides: 10 };
         assert_eq!(error(odd), "`sides` is 10, but must be a multiple of 4 from 4 to 4096");
         let far = primitive(Shape::default(), Point3::new(f64::INFINITY, 0.0, 0.0));
-        assert!(matches!(far, Err(PrimitiveError::Mesh(_))));
+        assert!(far.unwrap_err().downcast::<MeshError>().is_some());
     }
 }

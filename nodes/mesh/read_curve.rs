@@ -2,7 +2,7 @@
 
 use maquette_base::unit::Unit;
 use maquette_format::obj;
-use maquette_node::{Context, Error, FilePath, Node};
+use maquette_node::{Context, Error, FilePath, Node, bail};
 use maquette_value::{Curve, CurveError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -19,17 +19,6 @@ pub struct ReadCurve {
     #[serde(default, skip_serializing_if = "Unit::is_millimeters")]
     #[schemars(extend("default" = "Mm"))]
     pub unit: Unit,
-}
-
-/// Reasons why a curve cannot be read.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ReadCurveError {
-    /// The file format is not supported.
-    #[error("cannot read a curve from a `.{ending}` file: the supported format is obj")]
-    Ending {
-        /// The extension of the file's name, without the dot.
-        ending: String,
-    },
 }
 
 impl Node for ReadCurve {
@@ -65,7 +54,7 @@ pub fn curve_in_millimeters(curve: Curve, unit: Unit) -> Result<Curve, CurveErro
 pub fn read_curve(bytes: &[u8], ending: &str) -> Result<Curve, Error> {
     match ending {
         "obj" => Ok(obj::read_curve(bytes)?),
-        _ => Err(ReadCurveError::Ending { ending: ending.to_owned() }.into()),
+        _ => bail!("cannot read a curve from a `.{ending}` file: the supported format is obj"),
     }
 }
 

@@ -5,20 +5,19 @@ use cloud::Cloud;
 use contour::{Skin, contour};
 use maquette_base::scattered::Scattered;
 use maquette_node::{
-    CancelledError, Carry, Context, Error, Estimate, In, Limit, LimitError, Node, Progress,
-    Promise, Transfer,
+    Carry, Context, Error, Estimate, In, Limit, Node, Progress, Promise, Transfer, bail,
 };
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, CaptureFrame, Faces, Mesh, MeshError, Rgb};
 use nalgebra::{Matrix4, Point3, Vector3};
-use poisson::{Field, SolveError};
+use poisson::Field;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use surfels::{Pyramid, Surfel, surfels};
 
 use super::Poses;
 use super::common_frame::common_frame;
-use super::merge_error::MergeError;
+use super::merge::no_pose_error;
 
 mod cells;
 mod cloud;
@@ -79,67 +78,6 @@ pub enum FaceKind {
     Triangles,
     /// Quads, which need not be planar.
     Quads,
-}
-
-/// Reasons why a surface cannot be reconstructed.
-#[derive(Debug, thiserror::Error)]
-pub enum ReconstructError {
-    /// The list of sources is empty.
-    #[error("the list `points` is empty, so there is nothing to reconstruct")]
-    NoSource,
-    /// The sources have too few distinct points to enclose a volume.
-    #[error("there are only {count} different points, but a surface needs at least {MIN_POINTS}")]
-    TooFew {
-        /// The number of distinct points.
-        count: usize,
-    },
-    /// The points are on a line, so they have no surface.
-    #[error("all points are on a line: they have no surface")]
-    Line,
-    /// The points are in a plane, so they enclose no volume.
-    #[error("all points are in a plane, which has no inside: choose `skin: Open`")]
-    Plane,
-    /// Coordinates or a parameter are out of range.
-    #[error("`{what}` is {value}, but must be {must}")]
-    Parameter {
-        /// The name of the parameter.
-        what: &'static str,
-        /// The value that is out of range.
-        value: f64,
-        /// The allowed range of the value.
-        must: &'static str,
-    },
-    /// The coordinates are too far apart.
-    #[error(
-        "the points are too far from the origin, or too near to or far from each other, to be measured"
-    )]
-    Far,
-    /// The result has no faces.
-    #[error(
-        "no surface is left near the points: their normals are inconsistent, or `reach` or `spacing` is unsuitable for them"
-    )]
-    Nothing,
-    /// The sources have different frames.
-    #[error(transparent)]
-    Sources(#[from] MergeError),
-    /// The result would not fit into memory.
-    #[error(transparent)]
-    TooMuch(#[from] LimitError),
-    /// The result has too many vertices for a mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
-}
-
-impl From<SolveError> for ReconstructError {
-    fn from(error: SolveError) -> Self {
-        match error {
-            SolveError::TooMuch(error) => Self::TooMuch(error),
-            SolveError::Cancelled(error) => Self::Cancelled(error),
-        }
-    }
 }
 
 /// Minimum number of points; fewer points enclose no volume.
@@ -261,10 +199,10 @@ pub fn reconstruct(
     poses: Poses,
     options: &Options,
     progress: &Progress<'_>,
-) -> Result<Mesh, ReconstructError> {
+) -> Result<Mesh, Error> {
     options.check()?;
     if sources.is_empty() {
-        return Err(ReconstructError::NoSource);
+        bail!("the list `points` is empty, so there is nothing to reconstruct");
     }
     let (poses, frame) = place_sources(sources, poses)?;
     let count: usize = sources.iter().map(count).sum();
@@ -284,7 +222,9 @@ pub fn reconstruct(
         relax::remove_unsupported(&mut skin, &mut supported);
     }
     if skin.quads.is_empty() {
-        return Err(ReconstructError::Nothing);
+        bail!(
+            "no surface is left near the points: their normals are inconsistent, or `reach` or `spacing` is unsuitable for them"
+        );
     }
     let colors = cloud.colors.as_ref().map(|colors| vertex_colors(&skin, &pieces, colors));
     let mesh = Mesh::new(skin.positions.clone(), faces(&skin, options.faces)?)?.with_frame(frame);
@@ -300,17 +240,17 @@ pub fn reconstruct(
 }
 
 impl Options {
-    fn check(&self) -> Result<(), ReconstructError> {
+    fn check(&self) -> Result<(), Error> {
         fn check_range(
-            what: &'static str,
+            name: &str,
             value: f64,
-            is_right: bool,
-            must: &'static str,
-        ) -> Result<(), ReconstructError> {
-            match is_right {
-                true => Ok(()),
-                false => Err(ReconstructError::Parameter { what, value, must }),
+            is_in_range: bool,
+            range: &str,
+        ) -> Result<(), Error> {
+            if !is_in_range {
+                bail!("`{name}` is {value}, but must be {range}");
             }
+            Ok(())
         }
         let is_spacing = (0.0..1e50).contains(&self.spacing);
         check_range("spacing", self.spacing, is_spacing, "a length, or 0")?;
@@ -352,11 +292,11 @@ fn valid(source: &Scattered) -> usize {
 fn place_sources(
     sources: &[Scattered],
     poses: Poses,
-) -> Result<(Vec<Pose>, Option<CaptureFrame>), ReconstructError> {
+) -> Result<(Vec<Pose>, Option<CaptureFrame>), Error> {
     let known: Vec<Pose> = sources.iter().map(pose).collect();
     let nowhere = known.iter().position(Option::is_none);
     if let (Some(place), Poses::Apply) = (nowhere, poses) {
-        return Err(MergeError::NoPose { mesh: place + 1 }.into());
+        return Err(no_pose_error(place + 1));
     }
     if nowhere.is_none() && poses != Poses::Ignore {
         return Ok((known, None));
@@ -389,11 +329,7 @@ const PER_DISTANCE: f64 = 1.25;
 const PER_NOISE: f64 = 1.5;
 
 impl Pieces {
-    fn new(
-        cloud: &Cloud,
-        options: &Options,
-        progress: &Progress<'_>,
-    ) -> Result<Self, ReconstructError> {
+    fn new(cloud: &Cloud, options: &Options, progress: &Progress<'_>) -> Result<Self, Error> {
         let distance = check(&cloud.positions, options.skin)?;
         progress.tick(0.02)?;
         let given = options.spacing > 0.0;
@@ -413,14 +349,28 @@ impl Pieces {
     }
 }
 
+/// Returns the error for `count` distinct points, which enclose no volume.
+fn too_few_error(count: usize) -> Error {
+    Error::new(format!(
+        "there are only {count} different points, but a surface needs at least {MIN_POINTS}"
+    ))
+}
+
+/// Returns the error for coordinates whose squares would overflow or underflow.
+fn unmeasurable_error() -> Error {
+    Error::new(
+        "the points are too far from the origin, or too near to or far from each other, to be measured",
+    )
+}
+
 /// Checks that the points are on a surface, and returns their mean spacing.
-fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, ReconstructError> {
-    let (low, high) = bounds(positions).ok_or(ReconstructError::TooFew { count: 0 })?;
+fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, Error> {
+    let (low, high) = bounds(positions).ok_or_else(|| too_few_error(0))?;
     let size = (high - low).max();
     let far = low.coords.amax().max(high.coords.amax());
     let is_measurable = (size == 0.0 || 1e-100 < size) && size < 1e100 && far < 1e100;
     if !is_measurable {
-        return Err(ReconstructError::Far);
+        return Err(unmeasurable_error());
     }
     let mut different: Vec<[u64; 3]> = positions
         .par_iter()
@@ -430,7 +380,7 @@ fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, ReconstructEr
     different.dedup();
     let count = different.len();
     if count < MIN_POINTS {
-        return Err(ReconstructError::TooFew { count });
+        return Err(too_few_error(count));
     }
     let middle = nalgebra::center(&low, &high);
     let covariance = positions.iter().fold(nalgebra::Matrix3::zeros(), |sum, point| {
@@ -440,17 +390,17 @@ fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, ReconstructEr
     let mean: Vector3<f64> = positions.iter().map(|point| (point - middle) / size).sum();
     let covariance = covariance - mean * mean.transpose() / positions.len() as f64;
     let eigen = covariance.try_symmetric_eigen(f64::EPSILON, 1000);
-    let mut spread: [f64; 3] = eigen.ok_or(ReconstructError::Far)?.eigenvalues.into();
+    let mut spread: [f64; 3] = eigen.ok_or_else(unmeasurable_error)?.eigenvalues.into();
     spread.sort_by(f64::total_cmp);
     // The spreads are squared lengths: 1e-12 is the square of a millionth.
     fn is_none(spread: f64, most: f64) -> bool {
         spread.is_nan() || spread <= 1e-12 * most
     }
     if is_none(spread[1], spread[2]) {
-        return Err(ReconstructError::Line);
+        bail!("all points are on a line: they have no surface");
     }
     if is_none(spread[0], spread[2]) && skin == SkinKind::Closed {
-        return Err(ReconstructError::Plane);
+        bail!("all points are in a plane, which has no inside: choose `skin: Open`");
     }
     Ok(distance(positions, count, low, size))
 }
@@ -491,8 +441,8 @@ fn bounds(positions: &[Point3<f64>]) -> Option<(Point3<f64>, Point3<f64>)> {
 }
 
 /// Returns a cube around all points, with a quarter of their extent as margin, in cells of the given edge length.
-fn cube(positions: &[Point3<f64>], edge: f64) -> Result<Cube, ReconstructError> {
-    let (low, high) = bounds(positions).ok_or(ReconstructError::TooFew { count: 0 })?;
+fn cube(positions: &[Point3<f64>], edge: f64) -> Result<Cube, Error> {
+    let (low, high) = bounds(positions).ok_or_else(|| too_few_error(0))?;
     let size = (high - low).max();
     let cells = (1.25 * size / edge).max(1.0) + 8.0;
     SIDE.check("the grid", cells)?;

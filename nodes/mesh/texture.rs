@@ -2,9 +2,9 @@
 //!
 //! `Texture` does not implement `update`: `Bound` computes nothing, and the window of `Planar` depends on the bounds of all vertices.
 
-use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer};
+use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer, bail};
 use maquette_value::parallel::*;
-use maquette_value::{Attribute, CaptureFrame, Image, Mesh, MeshError, RangeError, RangeImage};
+use maquette_value::{Attribute, CaptureFrame, Image, Mesh, RangeImage};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -43,31 +43,6 @@ pub enum Mapping {
     },
 }
 
-/// Reasons why a mesh cannot be textured.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum TextureError {
-    /// The mesh has no texture coordinates.
-    #[error(
-        "the mesh has no texture coordinates `uv` to be bound by: triangulate a capture first, or use `Planar`"
-    )]
-    Unbound,
-    /// The picture has no pixels.
-    #[error("the picture has no pixels")]
-    Empty,
-    /// The object has no width or no height.
-    #[error("the object has no extent along {axis}, by which the picture could be scaled")]
-    Flat {
-        /// The axis: x or y.
-        axis: char,
-    },
-    /// The range image has no points.
-    #[error(transparent)]
-    Range(#[from] RangeError),
-    /// Coordinates of the projection overflow.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-}
-
 impl Node for Texture {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
@@ -104,15 +79,17 @@ pub fn texture(
     image: &Image,
     range: Option<&RangeImage>,
     mapping: Mapping,
-) -> Result<Mesh, TextureError> {
+) -> Result<Mesh, Error> {
     if image.pixels().is_empty() {
-        return Err(TextureError::Empty);
+        bail!("the picture has no pixels");
     }
     let mapped = match mapping {
         Mapping::Bound => {
             let bound = [mesh.vertex(), mesh.corner()].map(|attributes| attributes.pairs("uv"));
             if bound == [None; 2] {
-                return Err(TextureError::Unbound);
+                bail!(
+                    "the mesh has no texture coordinates `uv` to be bound by: triangulate a capture first, or use `Planar`"
+                );
             }
             mesh.clone()
         }
@@ -153,11 +130,7 @@ impl Window {
     ///
     /// # Errors
     /// Returns an error if the object has no points, or no extent to scale by.
-    pub fn new(
-        mesh: &Mesh,
-        range: Option<&RangeImage>,
-        scale: [f64; 2],
-    ) -> Result<Self, TextureError> {
+    pub fn new(mesh: &Mesh, range: Option<&RangeImage>, scale: [f64; 2]) -> Result<Self, Error> {
         let frame = match range {
             Some(range) => Some(range.capture_frame()?),
             None => mesh.frame().copied(),
@@ -178,7 +151,10 @@ impl Window {
                 (scale, _) => scale * extent[k],
             };
             if half[k].is_nan() || half[k] <= 0.0 {
-                return Err(TextureError::Flat { axis: ['x', 'y'][k] });
+                let axis = ['x', 'y'][k];
+                bail!(
+                    "the object has no extent along {axis}, by which the picture could be scaled"
+                );
             }
         }
         let y_down = frame.is_some();
@@ -316,13 +292,19 @@ mod tests {
     #[test]
     fn what_gives_no_coordinates_is_an_error() {
         let line = mesh(&[[0.; 3], [1., 0., 0.]]);
-        fn error(image: Image, mapping: Mapping, line: &Mesh) -> TextureError {
-            texture(line, &image, None, mapping).unwrap_err()
+        fn error(image: Image, mapping: Mapping, line: &Mesh) -> String {
+            texture(line, &image, None, mapping).unwrap_err().to_string()
         }
         let flat = Mapping::Planar { scale: (0., 0.) };
-        assert_eq!(error(picture(1, 1), Mapping::Bound, &line), TextureError::Unbound);
-        assert_eq!(error(picture(0, 1), flat, &line), TextureError::Empty);
-        assert_eq!(error(picture(1, 1), flat, &line), TextureError::Flat { axis: 'y' });
+        assert_eq!(
+            error(picture(1, 1), Mapping::Bound, &line),
+            "the mesh has no texture coordinates `uv` to be bound by: triangulate a capture first, or use `Planar`"
+        );
+        assert_eq!(error(picture(0, 1), flat, &line), "the picture has no pixels");
+        assert_eq!(
+            error(picture(1, 1), flat, &line),
+            "the object has no extent along y, by which the picture could be scaled"
+        );
         let scale = (1., f64::NAN);
         assert!(texture(&line, &picture(1, 1), None, Mapping::Planar { scale }).is_err());
     }

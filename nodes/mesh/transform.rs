@@ -6,7 +6,7 @@ use schemars::{JsonSchema, json_schema};
 use serde::{Deserialize, Serialize};
 
 use super::followed::{Part, move_vertices};
-use super::motion::{Motion, TransformError};
+use super::motion::Motion;
 use super::movable::Movable;
 use super::moved_mesh::{moved_frame, moved_mesh};
 
@@ -75,7 +75,7 @@ impl Node for Transform {
 }
 
 impl Transform {
-    fn motion(&self) -> Result<Motion, TransformError> {
+    fn motion(&self) -> Result<Motion, Error> {
         Motion::new(self.translate, self.rotate, self.scale)
     }
 }
@@ -99,7 +99,7 @@ fn follow(mesh: &Mesh, before: &Mesh, made: &Mesh, motion: &Motion) -> Option<Me
 ///
 /// # Errors
 /// Returns an error if a coordinate becomes infinite.
-pub fn transform(what: &Movable, motion: &Motion) -> Result<Movable, TransformError> {
+pub fn transform(what: &Movable, motion: &Motion) -> Result<Movable, Error> {
     if motion.is_identity() {
         return Ok(what.clone());
     }

@@ -5,7 +5,6 @@ use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::keep_error::KeepError;
 use super::plane::Plane;
 use super::scan::Scan;
 use super::within::{Region, select_parts};
@@ -59,12 +58,12 @@ pub fn crop(
     within: Option<&Region>,
     plane: Option<&Mesh>,
     invert: bool,
-) -> Result<Scan, KeepError> {
-    let above = plane.map(|mesh| {
-        let plane = Plane::from_mesh(mesh)?;
-        Ok(scan.positions().iter().map(|position| plane.height(position) >= 0.0).collect())
+) -> Result<Scan, Error> {
+    let plane = plane.map(Plane::from_mesh).transpose()?;
+    let above = plane.map(|plane| {
+        scan.positions().iter().map(|position| plane.height(position) >= 0.0).collect()
     });
-    select_parts(scan, within, above.transpose()?, invert)
+    select_parts(scan, within, above, invert)
 }
 
 #[cfg(test)]
@@ -85,13 +84,15 @@ mod tests {
     #[test]
     fn a_mesh_that_is_not_flat_is_an_error() {
         let scan = Scan::Mesh(square(0.0, false));
-        fn crop_count(plane: &Mesh, scan: &Scan) -> Result<usize, KeepError> {
-            crop(scan, None, Some(plane), false).map(|it| it.count())
+        fn crop_count(plane: &Mesh, scan: &Scan) -> Result<usize, String> {
+            let cropped = crop(scan, None, Some(plane), false);
+            cropped.map(|it| it.count()).map_err(|error| error.to_string())
         }
         assert_eq!(crop_count(&square(0.0, false), &scan), Ok(2));
         assert!(crop_count(&square(0.05, false), &scan).is_ok());
-        assert_eq!(crop_count(&square(0.0, true), &scan), Err(KeepError::NoPlane));
-        let bent = crop_count(&square(1.0, false), &scan).unwrap_err().to_string();
+        let message = "the mesh at the port `plane` has no area, so it has no plane";
+        assert_eq!(crop_count(&square(0.0, true), &scan).unwrap_err(), message);
+        let bent = crop_count(&square(1.0, false), &scan).unwrap_err();
         assert!(
             bent.starts_with("the mesh at the port `plane` is not flat: its corners are 0."),
             "{bent}"

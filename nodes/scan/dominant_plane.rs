@@ -2,13 +2,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use maquette_node::{Carry, Context, Error, In, Node, Transfer};
+use maquette_node::{Carry, Context, Error, In, Node, Transfer, bail};
 use maquette_value::rng::Random;
 use maquette_value::{Faces, Mesh};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 use super::hull::Hull;
 use super::plane::Plane;
@@ -55,21 +54,6 @@ fn default_rank() -> u32 {
 
 fn default_height() -> f64 {
     1000.0
-}
-
-/// Reasons why a plane cannot be found in a scan.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum DominantPlaneError {
-    /// There are too few points, or all are on a line.
-    #[error(
-        "there is no plane of rank {rank}: the remaining {points} points are too few or on a line"
-    )]
-    None {
-        /// The requested rank.
-        rank: u32,
-        /// The number of points that remain after the planes of lower rank are removed.
-        points: usize,
-    },
 }
 
 impl Node for DominantPlane {
@@ -121,11 +105,7 @@ const MIN_MESH_SAMPLES: usize = 20_000;
 ///
 /// # Errors
 /// If there is no such plane.
-pub fn dominant_plane(
-    scan: &Scan,
-    distance: f64,
-    rank: u32,
-) -> Result<PlaneInScan, DominantPlaneError> {
+pub fn dominant_plane(scan: &Scan, distance: f64, rank: u32) -> Result<PlaneInScan, Error> {
     let points = sample_points(scan);
     let mut left = points.clone();
     let mut found = None;
@@ -133,8 +113,13 @@ pub fn dominant_plane(
         if let Some(plane) = found {
             left.retain(|point| !is_on(&plane, point, distance));
         }
-        let none = DominantPlaneError::None { rank, points: left.len() };
-        found = Some(find_plane(&left, distance).ok_or(none)?);
+        found = find_plane(&left, distance);
+        if found.is_none() {
+            bail!(
+                "there is no plane of rank {rank}: the remaining {} points are too few or on a line",
+                left.len()
+            );
+        }
     }
     let mut plane = found.expect("there is a first rank");
     if is_upside_down(&plane, scan, &points, distance) {
@@ -455,8 +440,11 @@ mod tests {
         for points in [line, Vec::new()] {
             let count = points.len();
             let scan = Scan::Points(Points::new(points).unwrap());
-            let error = dominant_plane(&scan, 5.0, 1).err();
-            assert_eq!(error, Some(DominantPlaneError::None { rank: 1, points: count }));
+            let error = dominant_plane(&scan, 5.0, 1).err().unwrap();
+            let message = format!(
+                "there is no plane of rank 1: the remaining {count} points are too few or on a line"
+            );
+            assert_eq!(error.to_string(), message);
         }
     }
 }

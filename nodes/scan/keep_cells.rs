@@ -1,11 +1,10 @@
 //! Removes cells of a range image.
 
-use maquette_node::{Carry, Context, Error, FieldError, In, Node, Transfer};
+use maquette_node::{Carry, Context, Error, FieldError, In, Node, Transfer, bail};
 use maquette_value::{Mask, RangeImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::keep_error::KeepError;
 use super::scan::Scan;
 use super::within::{Region, select_parts};
 
@@ -65,7 +64,7 @@ pub fn keep_cells(
     mask: Option<&Mask>,
     within: Option<&Region>,
     invert: bool,
-) -> Result<RangeImage, KeepError> {
+) -> Result<RangeImage, Error> {
     let scan = Scan::RangeImage(range.clone());
     let selected = mask.map(|mask| cells_in_mask(range, mask)).transpose()?;
     match select_parts(&scan, within, selected, invert)? {
@@ -75,14 +74,18 @@ pub fn keep_cells(
 }
 
 /// Returns for each cell true if the mask selects it.
-fn cells_in_mask(range: &RangeImage, mask: &Mask) -> Result<Vec<bool>, KeepError> {
+fn cells_in_mask(range: &RangeImage, mask: &Mask) -> Result<Vec<bool>, Error> {
     let (width, height) = (range.width(), range.height());
     let (size, map) = ([mask.width(), mask.height()], range.registration());
     if size != map.picture {
         if size == [width, height] {
             return Ok(mask.pixels().iter().map(|&pixel| pixel == 1).collect());
         }
-        return Err(KeepError::Size { mask: size, picture: map.picture, grid: [width, height] });
+        let grid = [width, height];
+        bail!(
+            "`mask` has {size:?} pixels, but `range` is registered to a picture of {:?} and has {grid:?} cells",
+            map.picture
+        );
     }
     Ok((0..width * height)
         .map(|cell: usize| {
@@ -104,11 +107,11 @@ mod tests {
     #[test]
     fn a_depth_with_exchanged_bounds_is_an_error() {
         let range = RangeImage::new(1, 1, vec![Point3::new(0.0, 0.0, 650.0)]).unwrap();
-        fn count_between(from: f64, to: f64, range: &RangeImage) -> Result<usize, KeepError> {
+        fn count_between(from: f64, to: f64, range: &RangeImage) -> Result<usize, Error> {
             let depth = Region::Depth { from: Some(from), to: Some(to) };
             keep_cells(range, None, Some(&depth), false).map(|kept| kept.n_valid())
         }
-        assert_eq!(count_between(600.0, 700.0, &range), Ok(1));
+        assert_eq!(count_between(600.0, 700.0, &range).unwrap(), 1);
         let text = "the depth goes from 700 to 600: `from` must not be above `to`";
         assert_eq!(count_between(700.0, 600.0, &range).unwrap_err().to_string(), text);
     }

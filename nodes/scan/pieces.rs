@@ -3,12 +3,11 @@
 use std::collections::BTreeMap;
 
 use maquette_base::topology::union_find::UnionFind;
-use maquette_node::{Carry, Context, Error, In, Node, Transfer};
+use maquette_node::{Carry, Context, Error, In, Node, Transfer, bail};
 use maquette_value::{Mesh, RangeImage};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 use super::scan::{Scan, has_point};
 
@@ -78,19 +77,6 @@ fn default_gap() -> f64 {
     10.0
 }
 
-/// Reasons why pieces of a scan cannot be selected.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum PiecesError {
-    /// The rank is greater than the number of pieces.
-    #[error("there is no piece of rank {rank}: there {are}")]
-    Rank {
-        /// The requested rank.
-        rank: u32,
-        /// The number of pieces, as "is 1" or "are 3" for the message.
-        are: String,
-    },
-}
-
 impl Node for Pieces {
     type Outputs = (Scan,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
@@ -119,7 +105,7 @@ struct Piece {
 ///
 /// # Errors
 /// If there is no piece of the given rank.
-pub fn pieces(scan: &Scan, keep: &Keep, gap: f64) -> Result<Scan, PiecesError> {
+pub fn pieces(scan: &Scan, keep: &Keep, gap: f64) -> Result<Scan, Error> {
     let positions = scan.positions();
     let mut sets = UnionFind::new(positions.len());
     match scan {
@@ -159,10 +145,10 @@ pub fn pieces(scan: &Scan, keep: &Keep, gap: f64) -> Result<Scan, PiecesError> {
             let Some(&piece) = (rank as usize).checked_sub(1).and_then(|index| order.get(index))
             else {
                 let are = match order.len() {
-                    1 => "is 1".into(),
+                    1 => "is 1".to_owned(),
                     count => format!("are {count}"),
                 };
-                return Err(PiecesError::Rank { rank, are });
+                bail!("there is no piece of rank {rank}: there {are}");
             };
             order = vec![piece];
         }

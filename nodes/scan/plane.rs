@@ -1,9 +1,8 @@
 //! Planes with an upper and a lower side.
 
+use maquette_node::{Error, bail};
 use maquette_value::Mesh;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Unit, Vector3};
-
-use super::keep_error::KeepError;
 
 /// The maximum deviation of a flat mesh from its plane, as a fraction of the mesh's size. Both are root mean square distances.
 const MAX_RELATIVE_DEVIATION: f64 = 0.1;
@@ -41,20 +40,24 @@ impl Plane {
     ///
     /// # Errors
     /// If the sum of the area vectors is zero, or the mesh is not flat.
-    pub fn from_mesh(mesh: &Mesh) -> Result<Self, KeepError> {
+    pub fn from_mesh(mesh: &Mesh) -> Result<Self, Error> {
         let normal = mesh.faces().iter().map(|face| mesh.area_vector(face)).sum();
         let corners = mesh.faces().corners();
         let count = corners.len().max(1) as f64;
         let positions = corners.iter().map(|&vertex| mesh.positions()[vertex as usize]);
         let middle = positions.clone().map(|point| point.coords).sum::<Vector3<f64>>() / count;
         let middle = Point3::from(middle);
-        let plane = Self::from_point_and_normal(middle, normal).ok_or(KeepError::NoPlane)?;
+        let Some(plane) = Self::from_point_and_normal(middle, normal) else {
+            bail!("the mesh at the port `plane` has no area, so it has no plane");
+        };
         let heights_sq = positions.clone().map(|point| plane.height(&point) * plane.height(&point));
         let off = (heights_sq.sum::<f64>() / count).sqrt();
         let distances_sq = positions.map(|point| (point - middle).norm_squared());
         let size = (distances_sq.sum::<f64>() / count).sqrt();
         if MAX_RELATIVE_DEVIATION * size < off {
-            return Err(KeepError::NotFlat { off, size });
+            bail!(
+                "the mesh at the port `plane` is not flat: its corners are {off:.3} mm from their plane and {size:.3} mm from their center (root mean square); connect a flat mesh, such as `plane` of `DominantPlane`"
+            );
         }
         Ok(plane)
     }

@@ -1,11 +1,11 @@
 //! Regions of space that select parts of a scan.
 
+use maquette_node::{Error, bail};
 use maquette_value::{Attribute, Attributes};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::keep_error::KeepError;
 use super::plane::Plane;
 use super::scan::{Scan, has_point};
 
@@ -70,18 +70,20 @@ impl Region {
     ///
     /// # Errors
     /// If the bounds of the box or the depth are exchanged, the normal is zero, or there is no such attribute.
-    pub fn contains_each(&self, scan: &Scan) -> Result<Vec<bool>, KeepError> {
+    pub fn contains_each(&self, scan: &Scan) -> Result<Vec<bool>, Error> {
         fn test_positions(
             is_in: &dyn Fn(&Point3<f64>) -> bool,
             scan: &Scan,
-        ) -> Result<Vec<bool>, KeepError> {
+        ) -> Result<Vec<bool>, Error> {
             Ok(scan.positions().iter().map(is_in).collect::<Vec<_>>())
         }
         match self {
             Self::Box { min, max } => {
                 for (axis, (&min, &max)) in "xyz".chars().zip(min.iter().zip(max)) {
                     if max < min {
-                        return Err(KeepError::Box { axis, min, max });
+                        bail!(
+                            "the box goes from {min} to {max} along {axis}: `min` must not be above `max`"
+                        );
                     }
                 }
                 let axes = min.iter().zip(max);
@@ -99,11 +101,13 @@ impl Region {
             Self::Plane { through, normal } => {
                 let plane =
                     Plane::from_point_and_normal(Point3::from(*through), Vector3::from(*normal));
-                let plane = plane.ok_or(KeepError::NoNormal)?;
+                let Some(plane) = plane else {
+                    bail!("the normal (0, 0, 0) of the plane has no direction");
+                };
                 test_positions(&|at| plane.height(at) >= 0.0, scan)
             }
             Self::Depth { from: Some(from), to: Some(to) } if to < from => {
-                Err(KeepError::Depth { from: *from, to: *to })
+                bail!("the depth goes from {from} to {to}: `from` must not be above `to`")
             }
             Self::Depth { from, to } => test_positions(&|at| is_between(at.z, *from, *to), scan),
             Self::Attribute { name, from, to } => {
@@ -113,11 +117,13 @@ impl Region {
                     Scan::Mesh(mesh) => Some(mesh.vertex()),
                 };
                 let found = attributes.and_then(|all| numbers(all.get(name)?));
-                let numbers = found.ok_or_else(|| KeepError::NoAttribute {
-                    name: name.clone(),
-                    elements: scan.elements(),
-                    known: describe_numeric_attributes(attributes),
-                })?;
+                let Some(numbers) = found else {
+                    bail!(
+                        "there is no attribute `{name}` with a number on each of its {}; there {}",
+                        scan.elements(),
+                        describe_numeric_attributes(attributes)
+                    );
+                };
                 Ok(numbers.into_iter().map(|number| is_between(number, *from, *to)).collect())
             }
         }
@@ -130,7 +136,7 @@ pub(super) fn select_parts(
     within: Option<&Region>,
     also: Option<Vec<bool>>,
     invert: bool,
-) -> Result<Scan, KeepError> {
+) -> Result<Scan, Error> {
     let mut kept = match within {
         Some(within) => within.contains_each(scan)?,
         None => scan.positions().iter().map(has_point).collect(),

@@ -1,41 +1,12 @@
 //! Walls from a surface to a flat base.
 
-use maquette_value::{Mesh, MeshError};
+use maquette_node::{Error, bail};
+use maquette_value::Mesh;
 use nalgebra::{Point3, Vector3};
-use thiserror::Error;
 
 use crate::extended::{ExtendedMesh, border};
 use crate::offset::Floor;
 use crate::polygons::{loops, project_to_plane, triangulate};
-
-/// Reasons why a surface gets no base.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum BaseError {
-    /// The mesh has no border.
-    #[error("the mesh has no border for walls: it is closed, and `base: Keep` leaves it so")]
-    NoBorder,
-    /// The direction `up` is zero; or it is missing, and the faces have no common direction.
-    #[error("{}", match given { Some([x, y, z]) => format!("`up` is ({x}, {y}, {z}), but a direction must not be zero"), None => "the faces have no common direction: set `up` to the direction of the upper side".to_owned() })]
-    NoUp {
-        /// The given direction; `None` if it was left out.
-        given: Option<[f64; 3]>,
-    },
-    /// Too many faces point away from the side opposite the base.
-    #[error(
-        "{count} of {all} faces look away from {from}, most of the surface by area: use `Orient` to turn faces, or `up` to give the upper side"
-    )]
-    Away {
-        /// The number of faces that point away.
-        count: usize,
-        /// The number of all faces.
-        all: usize,
-        /// The position or direction to which the faces should look.
-        from: &'static str,
-    },
-    /// The positions exceed the largest coordinate of a mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-}
 
 /// The projection that maps points of the surface to the base.
 pub(crate) enum Ground {
@@ -46,22 +17,24 @@ pub(crate) enum Ground {
 }
 
 impl Ground {
-    pub(crate) fn of_mesh(
-        mesh: &Mesh,
-        behind: f64,
-        up: Option<[f64; 3]>,
-    ) -> Result<Self, BaseError> {
+    pub(crate) fn of_mesh(mesh: &Mesh, behind: f64, up: Option<[f64; 3]>) -> Result<Self, Error> {
         let places = mesh.faces().corners().iter().map(|&it| mesh.positions()[it as usize]);
         if mesh.frame().is_some() && places.clone().all(|place| place.z > 0.0) {
             let farthest = places.fold(0.0, |z, place| place.z.max(z));
             return Ok(Self::Seen(farthest + behind));
         }
         let faces = mesh.faces().iter();
-        let up = up
-            .map_or_else(|| faces.map(|face| mesh.area_vector(face)).sum(), Vector3::from)
-            .try_normalize(0.0)
-            .filter(|up| up.iter().all(|x| x.is_finite()))
-            .ok_or(BaseError::NoUp { given: up })?;
+        let sum = up.map_or_else(|| faces.map(|face| mesh.area_vector(face)).sum(), Vector3::from);
+        let unit = sum.try_normalize(0.0).filter(|up| up.iter().all(|x| x.is_finite()));
+        let up = match (unit, up) {
+            (Some(unit), _) => unit,
+            (None, Some([x, y, z])) => {
+                bail!("`up` is ({x}, {y}, {z}), but a direction must not be zero")
+            }
+            (None, None) => bail!(
+                "the faces have no common direction: set `up` to the direction of the upper side"
+            ),
+        };
         let lowest = places.fold(f64::INFINITY, |low, place| low.min(place.coords.dot(&up)));
         Ok(Self::Below(up, lowest - behind))
     }
@@ -141,17 +114,21 @@ pub(crate) fn visible_part(mesh: &Mesh, ground: &Ground) -> Mesh {
 ///
 /// # Errors
 /// Returns an error if the mesh has no border, or its faces look away from the side opposite the base.
-pub(crate) fn with_base(mesh: &Mesh, ground: &Ground) -> Result<Mesh, BaseError> {
+pub(crate) fn with_base(mesh: &Mesh, ground: &Ground) -> Result<Mesh, Error> {
     let faces = mesh.faces();
     let shadows: Vec<_> = faces.iter().map(|face| shadow(mesh, face, ground)).collect();
     // Single faces may look away from the base's opposite side and still cover no other face, so only the sum of all faces counts.
     if shadows.iter().sum::<f64>() <= 0.0 {
         let count = shadows.iter().filter(|area| **area <= 0.0).count();
-        return Err(BaseError::Away { count, all: faces.len(), from: ground.viewer() });
+        bail!(
+            "{count} of {} faces look away from {}, most of the surface by area: use `Orient` to turn faces, or `up` to give the upper side",
+            faces.len(),
+            ground.viewer()
+        );
     }
     let border = border(mesh);
     if border.is_empty() {
-        return Err(BaseError::NoBorder);
+        bail!("the mesh has no border for walls: it is closed, and `base: Keep` leaves it so");
     }
     let mut grown = ExtendedMesh::new(mesh);
     fn vertex(corner: u32, faces: &maquette_value::Faces) -> u32 {

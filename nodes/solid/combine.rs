@@ -5,11 +5,10 @@
 //! merges vertices and flat faces far from the cut, and does not support named attributes.
 
 use cut::Cut;
-use intersections::{IntersectionError, Pair};
-use maquette_mesh::{MergeError, Poses, merge};
-use maquette_node::{CancelledError, Progress};
+use intersections::{NoInsideError, Pair};
+use maquette_mesh::{Poses, merge};
+use maquette_node::{Error, Progress, bail};
 use maquette_value::{Mesh, MeshError, TriangleTree};
-use thiserror::Error;
 use weld::weld;
 
 use crate::operation::Operation;
@@ -20,44 +19,6 @@ mod cut;
 mod exact;
 mod intersections;
 mod weld;
-
-/// Reasons why a Boolean operation fails.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum BooleanError {
-    /// The mesh has a border, so it is not closed.
-    #[error(
-        "{mesh} is not closed: {count} of its edges do not have two faces; use `Solid` to close it"
-    )]
-    Open {
-        /// The name of the mesh.
-        mesh: String,
-        /// The number of edges without two faces.
-        count: usize,
-    },
-    /// The faces of a mesh point inward.
-    #[error("{mesh} is inside out; use `Orient` to turn it outward")]
-    InsideOut {
-        /// The name of the mesh.
-        mesh: String,
-    },
-    /// A mesh intersects itself.
-    #[error("{mesh} intersects itself, or one of its parts is inside of another one: it has no inside near ({:.3}, {:.3}, {:.3}); use `Reconstruct` to make one surface of it", at[0], at[1], at[2])]
-    Crossing {
-        /// The name of the mesh.
-        mesh: String,
-        /// A point that has no well-defined inside, in mm.
-        at: [f64; 3],
-    },
-    /// The result exceeds the limits of a mesh.
-    #[error(transparent)]
-    Merge(#[from] MergeError),
-    /// The result exceeds the limits of a mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
-}
 
 /// Applies an [`Operation`] to a solid and other solids, one after the other.
 ///
@@ -74,7 +35,7 @@ pub fn boolean(
     others: &[&Mesh],
     how: Operation,
     progress: &Progress<'_>,
-) -> Result<Mesh, BooleanError> {
+) -> Result<Mesh, Error> {
     fn name(number: usize, others: &[&Mesh]) -> String {
         match (number, others.len()) {
             (0, _) => "`mesh`".to_owned(),
@@ -86,26 +47,28 @@ pub fn boolean(
         let edges = mesh.edges();
         let count = edges.faces.iter().filter(|faces| **faces != 2).count();
         if count > 0 {
-            return Err(BooleanError::Open { mesh: name(number, others), count });
+            bail!(
+                "{} is not closed: {count} of its edges do not have two faces; use `Solid` to close it",
+                name(number, others)
+            );
         }
         if mesh.bounds().is_some_and(|(low, _)| volume(mesh, low) < 0.0) {
-            return Err(BooleanError::InsideOut { mesh: name(number, others) });
+            bail!("{} is inside out; use `Orient` to turn it outward", name(number, others));
         }
     }
     let mut made = mesh.clone();
     for (number, other) in others.iter().enumerate() {
         let [from, to] = [number, number + 1].map(|it| it as f64 / others.len() as f64);
         let of_two = progress.part(from..to, |progress| of_two(&made, other, how, progress));
-        made = of_two.map_err(|why| match why {
-            IntersectionError::Crossing(0, at) => {
-                BooleanError::Crossing { mesh: name(0, others), at: at.coords.into() }
-            }
-            IntersectionError::Crossing(_, at) => {
-                BooleanError::Crossing { mesh: name(number + 1, others), at: at.coords.into() }
-            }
-            IntersectionError::Merge(why) => why.into(),
-            IntersectionError::Mesh(why) => why.into(),
-            IntersectionError::Cancelled(why) => why.into(),
+        made = of_two.map_err(|error| match error.downcast() {
+            Some(&NoInsideError { solid, at }) => Error::new(format!(
+                "{} intersects itself, or one of its parts is inside of another one: it has no inside near ({:.3}, {:.3}, {:.3}); use `Reconstruct` to make one surface of it",
+                name(if solid == 0 { 0 } else { number + 1 }, others),
+                at.x,
+                at.y,
+                at.z
+            )),
+            None => error,
         })?;
     }
     // A solid without a capture frame keeps its coordinates when it is combined with captured ones.
@@ -135,13 +98,13 @@ fn of_two(
     second: &Mesh,
     how: Operation,
     progress: &Progress<'_>,
-) -> Result<Mesh, IntersectionError> {
+) -> Result<Mesh, Error> {
     // If only one of the solids has an attribute, the other solid gets the values at the nearest points of the first.
     let [first, second] =
         [&with_missing_attributes(second, first)?, &with_missing_attributes(first, second)?];
     let both = merge(&[first, second], Poses::Ignore)?;
     let counts = (first.positions().len(), first.faces().len());
-    let made = |grows: bool, progress: &Progress<'_>| -> Result<Mesh, IntersectionError> {
+    let made = |grows: bool, progress: &Progress<'_>| -> Result<Mesh, Error> {
         let pair = Pair::new(&both, counts, grows);
         let meet = progress.part(0.0..0.5, |progress| pair.meet(progress))?;
         let inside = pair.find_inside(&meet)?;
@@ -155,14 +118,18 @@ fn of_two(
     // solid intersect itself, because it touches itself, the solid shrinks instead.
     let grows = how != Operation::Intersection;
     match progress.part(0.0..0.9, |progress| made(grows, progress)) {
-        Err(why @ IntersectionError::Crossing(..)) => {
+        Err(error) if has_no_inside(&error) => {
             match progress.part(0.9..1.0, |progress| made(!grows, progress)) {
-                Err(IntersectionError::Crossing(..)) => Err(why),
+                Err(other) if has_no_inside(&other) => Err(error),
                 made => made,
             }
         }
         made => made,
     }
+}
+
+fn has_no_inside(error: &Error) -> bool {
+    error.downcast::<NoInsideError>().is_some()
 }
 
 #[cfg(test)]

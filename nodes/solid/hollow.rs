@@ -4,18 +4,16 @@ use std::collections::BTreeSet;
 
 use depth::Depth;
 use maquette_base::topology::union_find::UnionFind;
-use maquette_mesh::{MergeError, Poses, merge};
+use maquette_mesh::{Poses, merge};
 use maquette_node::{
-    CancelledError, Carry, Context, Error, FieldError, In, LimitError, Node, Progress, Promise,
-    Transfer, Want,
+    Carry, Context, Error, FieldError, In, Node, Progress, Promise, Transfer, Want, bail,
 };
 use maquette_value::{Faces, Mesh, MeshError, TriangleTree};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
-use crate::combine::{BooleanError, boolean};
+use crate::combine::boolean;
 use crate::contour::Contour;
 use crate::operation::Operation;
 use crate::transfer_attributes::transfer_attributes;
@@ -67,72 +65,11 @@ fn default_thickness() -> f64 {
     2.0
 }
 
-/// Reasons why a solid cannot be hollowed.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum HollowError {
-    /// The thickness is not a positive number.
-    #[error("`thickness` is {0}, but must be a number above 0")]
-    Thickness(f64),
-    /// The grid cells are too large for the wall.
-    #[error(
+/// Returns the error for a `spacing` above `most`, half of the thickness, or below 0.
+fn spacing_error(spacing: f64, most: f64) -> Error {
+    Error::new(format!(
         "`spacing` is {spacing}, but must be at least 0, and at most {most}, half of `thickness`"
-    )]
-    Spacing {
-        /// The edge length given as `spacing`.
-        spacing: f64,
-        /// The largest allowed edge length.
-        most: f64,
-    },
-    /// The mesh has a border, so it is not closed.
-    #[error(
-        "the mesh is not closed: {count} of its edges do not have two faces; use `Solid` to close it"
-    )]
-    Open {
-        /// The number of edges without two faces.
-        count: usize,
-    },
-    /// Faces of the mesh cross.
-    #[error("the mesh intersects itself: {count} pairs of faces cross, such as {} and {}; use `Reconstruct` to make one surface of it", faces[0], faces[1])]
-    Crossing {
-        /// The number of pairs of faces that intersect.
-        count: usize,
-        /// The faces of the first intersecting pair.
-        faces: [u32; 2],
-    },
-    /// The faces of the mesh point inward.
-    #[error("the mesh is inside out; use `Orient` to turn it outward")]
-    InsideOut,
-    /// An outlet has invalid numbers.
-    #[error("outlet {number} has the diameter {diameter} at ({}, {}, {}), but must have finite numbers, and a diameter above 0", at[0], at[1], at[2])]
-    Outlet {
-        /// The number of the outlet, from 1.
-        number: usize,
-        /// The diameter of the outlet in mm.
-        diameter: f64,
-        /// The position of the outlet in mm.
-        at: [f64; 3],
-    },
-    /// The outlets cut the solid apart.
-    #[error("{}: the outlets are too wide, or go through more than the wall", match parts { 0 => "nothing is left of the solid".to_owned(), _ => format!("the solid falls into {parts} parts") })]
-    Outlets {
-        /// The number of parts into which the solid is cut.
-        parts: usize,
-    },
-    /// An outlet cannot be cut.
-    #[error(transparent)]
-    Boolean(#[from] BooleanError),
-    /// The grid would have too many cells for the memory.
-    #[error(transparent)]
-    TooMuch(#[from] LimitError),
-    /// The result exceeds the limits of a mesh.
-    #[error(transparent)]
-    Merge(#[from] MergeError),
-    /// The result exceeds the limits of a mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
+    ))
 }
 
 impl Node for Hollow {
@@ -163,7 +100,7 @@ impl Node for Hollow {
         let (spacing, most) = (self.spacing, self.thickness / 2.0);
         if most < spacing {
             let help = "write 0, which takes that half, or a thicker wall";
-            return Err(FieldError::new("spacing", HollowError::Spacing { spacing, most }, help));
+            return Err(FieldError::new("spacing", spacing_error(spacing, most), help));
         }
         Ok(())
     }
@@ -202,32 +139,40 @@ pub fn hollow(
     (thickness, spacing): (f64, f64),
     outlets: &[Outlet],
     progress: &Progress<'_>,
-) -> Result<Mesh, HollowError> {
+) -> Result<Mesh, Error> {
     if !(thickness > 0.0 && thickness.is_finite()) {
-        return Err(HollowError::Thickness(thickness));
+        bail!("`thickness` is {thickness}, but must be a number above 0");
     }
     for (number, &Outlet { at, diameter }) in (1..).zip(outlets) {
         let is_one = diameter > 0.0 && diameter.is_finite() && at.iter().all(|x| x.is_finite());
         if !is_one {
-            return Err(HollowError::Outlet { number, diameter, at });
+            let [x, y, z] = at;
+            bail!(
+                "outlet {number} has the diameter {diameter} at ({x}, {y}, {z}), but must have finite numbers, and a diameter above 0"
+            );
         }
     }
     let most = thickness / 2.0;
     if !(0.0..=most).contains(&spacing) {
-        return Err(HollowError::Spacing { spacing, most });
+        return Err(spacing_error(spacing, most));
     }
     let spacing = if spacing == 0.0 { most } else { spacing };
     let open = mesh.edges().faces.iter().filter(|faces| **faces != 2).count();
     if open > 0 {
-        return Err(HollowError::Open { count: open });
+        bail!(
+            "the mesh is not closed: {open} of its edges do not have two faces; use `Solid` to close it"
+        );
     }
     let crossing = progress.part(0.0..0.1, |progress| mesh.crossings(|| progress.check()))?;
-    if let Some(&faces) = crossing.first() {
-        return Err(HollowError::Crossing { count: crossing.len(), faces });
+    if let Some([first, second]) = crossing.first() {
+        bail!(
+            "the mesh intersects itself: {} pairs of faces cross, such as {first} and {second}; use `Reconstruct` to make one surface of it",
+            crossing.len()
+        );
     }
     let Some((low, high)) = mesh.bounds() else { return Ok(mesh.clone()) };
     if volume(mesh, low) < 0.0 {
-        return Err(HollowError::InsideOut);
+        bail!("the mesh is inside out; use `Orient` to turn it outward");
     }
     let tree = TriangleTree::new(mesh);
     let counts = depth::counts([low, high], spacing)?;
@@ -261,7 +206,11 @@ pub fn hollow(
     let drilled = boolean(&hollow, &drills, Operation::Difference, progress)?;
     let parts = parts(&drilled);
     if parts == 0 || self::parts(&hollow) < parts {
-        return Err(HollowError::Outlets { parts });
+        let result = match parts {
+            0 => "nothing is left of the solid".to_owned(),
+            _ => format!("the solid falls into {parts} parts"),
+        };
+        bail!("{result}: the outlets are too wide, or go through more than the wall");
     }
     Ok(drilled)
 }

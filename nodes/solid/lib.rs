@@ -17,15 +17,12 @@ mod thicken;
 mod transfer_attributes;
 mod volume;
 
-pub use base::BaseError;
 pub use boolean::Boolean;
-pub use combine::{BooleanError, boolean};
-pub use hollow::{Hollow, HollowError, Outlet, hollow};
-pub use offset::OffsetSurfaceError;
+pub use combine::boolean;
+pub use hollow::{Hollow, Outlet, hollow};
 pub use operation::Operation;
-pub use shell::{Shell, ShellError, Side, shell};
-pub use solid::{Base, Holes, Solid, SolidError, SolidMesh, solid};
-pub use thicken::ThickenError;
+pub use shell::{Shell, Side, shell};
+pub use solid::{Base, Holes, Solid, SolidMesh, solid};
 
 /// Nodes that make solids, which can be printed.
 pub static PACK: Pack = Pack {

@@ -3,11 +3,10 @@
 //! The surface is extracted from the tetrahedra of a grid, with its vertices on grid edges; such a surface never intersects itself. Then the
 //! vertices are moved to the exact radius. If this makes faces intersect, their vertices are moved back to their grid edges.
 
-use maquette_node::{CancelledError, Limit, LimitError, Progress};
+use maquette_node::{Error, Limit, LimitError, Progress};
 use maquette_value::parallel::*;
-use maquette_value::{Bounds, Faces, Mesh, MeshError, NearestPoint, TriangleTree};
+use maquette_value::{Bounds, Faces, Mesh, NearestPoint, TriangleTree};
 use nalgebra::{Point3, Vector3};
-use thiserror::Error;
 
 use crate::contour::Contour;
 
@@ -35,20 +34,6 @@ const NEAREST: f64 = 0.25;
 /// walls.
 const GAP: f64 = 0.002;
 
-/// Reasons why the volume cannot be computed.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum OffsetSurfaceError {
-    /// The grid would have too many cells for the memory.
-    #[error(transparent)]
-    TooMuch(#[from] LimitError),
-    /// The result exceeds the limits of a mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
-}
-
 /// A half-space that limits the result: the points whose height along a unit vector is at least the given one.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Floor {
@@ -70,7 +55,7 @@ pub(crate) fn offset_surface(
     (radius, cells): (f64, f64),
     floor: Option<Floor>,
     progress: &Progress<'_>,
-) -> Result<Mesh, OffsetSurfaceError> {
+) -> Result<Mesh, Error> {
     let Some((low, high)) = mesh.bounds() else { return Ok(mesh.clone()) };
     let spacing = radius / cells;
     let reach = radius + 2.0 * spacing;

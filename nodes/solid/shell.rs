@@ -8,20 +8,19 @@
 use std::collections::BTreeMap;
 
 use maquette_fill::{FillMethod, HoleChoice, fill_holes};
-use maquette_mesh::{OrientError, Outside, orient};
+use maquette_mesh::{Outside, orient};
 use maquette_node::{
-    CancelledError, Carry, Context, Error, In, Node, Progress, Promise, Transfer, Want,
+    CancelledError, Carry, Context, Error, In, Node, Progress, Promise, Transfer, Want, bail,
 };
 use maquette_value::{Mesh, MeshError, TriangleTree};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 use crate::base::{Ground, visible_part, with_base};
-use crate::combine::{BooleanError, boolean};
+use crate::combine::boolean;
 use crate::extended::{ExtendedMesh, border};
-use crate::offset::{OffsetSurfaceError, offset_surface};
+use crate::offset::offset_surface;
 use crate::operation::Operation;
 use crate::polygons::{loops, project_to_plane, triangulate};
 use crate::thicken::{still_thin, thin};
@@ -65,66 +64,19 @@ pub enum Side {
     Middle,
 }
 
-/// Reasons why a surface has no shell.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum ShellError {
-    /// The thickness is not a positive number.
-    #[error("`thickness` is {0}, but must be a number above 0")]
-    Thickness(f64),
-    /// The surface cannot be closed: the closing faces intersect it.
-    #[error("the faces that close the surface intersect it: {count} pairs of faces cross, the first one at ({:.3}, {:.3}, {:.3}); use `side: Middle`, which needs no closed surface, or `Reconstruct` if the surface intersects itself there", at[0], at[1], at[2])]
-    Crossing {
-        /// The number of pairs of faces that intersect.
-        count: usize,
-        /// A point of the first intersection, in mm.
-        at: [f64; 3],
-    },
-    /// The closing faces touch the surface in edges.
+/// A reason why a closed surface is not a body.
+#[derive(Debug, thiserror::Error)]
+enum BodyError {
+    #[error("the faces that close the surface intersect it: {count} pairs of faces cross, the first one at ({:.3}, {:.3}, {:.3}); use `side: Middle`, which needs no closed surface, or `Reconstruct` if the surface intersects itself there", at.x, at.y, at.z)]
+    Crossing { count: usize, at: Point3<f64> },
     #[error(
         "the faces that close the surface touch it or themselves: {count} edges do not have two faces; use `side: Middle`, which needs no closed surface"
     )]
-    Touching {
-        /// The number of edges that do not have two faces.
-        count: usize,
-    },
-    /// The faces do not form a surface.
-    #[error(
-        "the faces are not a surface: {count} edges have more than two faces, or two with different orientations; use `Orient` to turn faces"
-    )]
-    NoSurface {
-        /// The number of edges that are not part of an oriented surface.
-        count: usize,
-    },
-    /// The surface is closed or nearly closed, and its faces point inward.
+    Touching { count: usize },
     #[error(
         "the surface has no inside behind it: use `Orient` to make its faces look outward, or `side: Middle`, which needs no inside"
     )]
     InsideOut,
-    /// The shell would not have any faces.
-    #[error(
-        "the shell is empty: `thickness`, {thickness} mm, is too large or too small for the surface's size of {size} mm"
-    )]
-    Nothing {
-        /// The requested thickness in mm.
-        thickness: f64,
-        /// The diagonal of the surface's bounding box in mm.
-        size: f64,
-    },
-    /// The surface cannot be oriented.
-    #[error(transparent)]
-    Orient(#[from] OrientError),
-    /// The grid around the surface would have too many cells.
-    #[error(transparent)]
-    Round(#[from] OffsetSurfaceError),
-    /// The intersection of the offset surface and the surface cannot be decided.
-    #[error(transparent)]
-    Boolean(#[from] BooleanError),
-    /// The positions exceed the largest coordinate of a mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
 }
 
 impl Node for Shell {
@@ -185,21 +137,25 @@ pub fn shell(
     thickness: f64,
     side: Side,
     progress: &Progress<'_>,
-) -> Result<(Mesh, usize), ShellError> {
+) -> Result<(Mesh, usize), Error> {
     if !(thickness > 0.0 && thickness.is_finite()) {
-        return Err(ShellError::Thickness(thickness));
+        bail!("`thickness` is {thickness}, but must be a number above 0");
     }
     let edges = mesh.edges();
     let count = edges.misoriented + edges.faces.iter().filter(|faces| 2 < **faces).count();
     if count > 0 {
-        return Err(ShellError::NoSurface { count });
+        bail!(
+            "the faces are not a surface: {count} edges have more than two faces, or two with different orientations; use `Orient` to turn faces"
+        );
     }
-    fn non_empty(made: Mesh, thickness: f64, mesh: &Mesh) -> Result<Mesh, ShellError> {
+    fn non_empty(made: Mesh, thickness: f64, mesh: &Mesh) -> Result<Mesh, Error> {
         match made.faces().is_empty() {
             false => Ok(made),
             true => {
                 let size = mesh.bounds().map_or(0.0, |(low, high)| (high - low).norm());
-                Err(ShellError::Nothing { thickness, size })
+                bail!(
+                    "the shell is empty: `thickness`, {thickness} mm, is too large or too small for the surface's size of {size} mm"
+                )
             }
         }
     }
@@ -210,7 +166,7 @@ pub fn shell(
             mesh,
         )?;
         let around = transfer_attributes(mesh, &TriangleTree::new(mesh), around)?;
-        Ok::<_, ShellError>(around.with_frame(mesh.frame().copied()))
+        Ok::<_, Error>(around.with_frame(mesh.frame().copied()))
     };
     if side == Side::Middle {
         return Ok((around(mesh, thickness / 2.0, progress)?, 0));
@@ -233,14 +189,10 @@ pub fn shell(
 
 /// Returns the body in front of the surface. For a surface that encloses nothing in front, returns the body behind it, and true: the shell
 /// is then outside of the body.
-fn body_in_front(
-    mesh: &Mesh,
-    behind: f64,
-    progress: &Progress<'_>,
-) -> Result<(Mesh, bool), ShellError> {
+fn body_in_front(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<(Mesh, bool), Error> {
     if !border(mesh).is_empty() {
         match body(&orient(mesh, Outside::Flip)?.mesh, behind, progress) {
-            Err(ShellError::InsideOut | ShellError::Touching { .. }) => {}
+            Err(error) if is_touching_or_inside_out(&error) => {}
             found => return Ok((found?, false)),
         }
     }
@@ -248,25 +200,29 @@ fn body_in_front(
     Ok((body(mesh, 0.0, progress)?, true))
 }
 
+fn is_touching_or_inside_out(error: &Error) -> bool {
+    matches!(error.downcast(), Some(BodyError::InsideOut | BodyError::Touching { .. }))
+}
+
 /// Checks that a mesh is a body: without self-intersections, with two faces at each edge, and oriented outward. Returns the reason if it is
 /// not.
-fn body_error(body: &Mesh, progress: &Progress<'_>) -> Result<Option<ShellError>, ShellError> {
+fn body_error(body: &Mesh, progress: &Progress<'_>) -> Result<Option<BodyError>, CancelledError> {
     let found = body.crossings(|| progress.check())?;
     let count = body.edges().faces.iter().filter(|faces| **faces != 2).count();
     Ok(match found.first() {
         Some(&[face, _]) => {
-            let at = body.first_triangle_center(body.faces().face(face as usize)).coords.into();
-            Some(ShellError::Crossing { count: found.len(), at })
+            let at = body.first_triangle_center(body.faces().face(face as usize));
+            Some(BodyError::Crossing { count: found.len(), at })
         }
-        None if count > 0 => Some(ShellError::Touching { count }),
-        None if volume(body, body.positions()[0]) <= 0.0 => Some(ShellError::InsideOut),
+        None if count > 0 => Some(BodyError::Touching { count }),
+        None if volume(body, body.positions()[0]) <= 0.0 => Some(BodyError::InsideOut),
         None => None,
     })
 }
 
 /// Makes a closed body that contains the faces of a surface. The surface's borders get flat lids; if lids intersect the surface, the
 /// borders are filled as holes instead, or get walls to a flat base. Walls have at least the height `behind`; 0 means no walls.
-fn body(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<Mesh, ShellError> {
+fn body(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<Mesh, Error> {
     let (body, _) = with_lids(mesh, behind, true)?;
     let Some(why) = body_error(&body, progress)? else { return Ok(body) };
     let (open, rims) = with_lids(mesh, behind, false)?;
@@ -281,7 +237,7 @@ fn body(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<Mesh, Shell
             return Ok(body);
         }
     }
-    Err(why)
+    Err(why.into())
 }
 
 /// Returns the surface with a flat lid on each border, if lids are wanted, and the number of borders. Where a lid would touch the surface

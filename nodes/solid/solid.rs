@@ -1,17 +1,14 @@
 //! Makes a solid of a surface.
 
-use maquette_fill::{FillError, FillMethod, HoleChoice, fill_holes};
-use maquette_mesh::{OrientError, Outside, orient};
-use maquette_node::{
-    CancelledError, Carry, Context, Error, In, Node, Progress, Promise, Transfer, Want,
-};
-use maquette_value::{Mesh, MeshError};
+use maquette_fill::{FillMethod, HoleChoice, fill_holes};
+use maquette_mesh::{Outside, orient};
+use maquette_node::{Carry, Context, Error, In, Node, Progress, Promise, Transfer, Want, bail};
+use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
-use crate::base::{BaseError, Ground, visible_part, with_base};
-use crate::thicken::{ThickenError, still_thin, thicken};
+use crate::base::{Ground, visible_part, with_base};
+use crate::thicken::{still_thin, thicken};
 
 /// Makes a solid of a surface: a front side gets walls and a flat base, and a nearly closed surface is closed.
 ///
@@ -74,50 +71,6 @@ impl Default for Base {
     }
 }
 
-/// Reasons why a surface has no solid.
-#[derive(Debug, Error)]
-pub enum SolidError {
-    /// The thickness is negative or not a number.
-    #[error("`thickness` is {0}, but must be a number from 0 on")]
-    Thickness(f64),
-    /// The walls cannot be made thicker.
-    #[error(transparent)]
-    Thicken(#[from] ThickenError),
-    /// The base cannot be made.
-    #[error(transparent)]
-    Base(#[from] BaseError),
-    /// The result still has a border.
-    #[error(
-        "{count} edges of the mesh are still open after its holes are filled: the border around an open scan is not a hole; use `base: Flat()` to give it walls"
-    )]
-    Open {
-        /// The number of edges that are still open.
-        count: usize,
-    },
-    /// Faces of the result intersect.
-    #[error(
-        "the solid would intersect itself: {count} pairs of faces cross, the first one at ({:.3}, {:.3}, {:.3}); use `Reconstruct` to make one surface of the data", at[0], at[1], at[2]
-    )]
-    Crossing {
-        /// The number of pairs of faces that intersect.
-        count: usize,
-        /// A point of the first intersection, in mm.
-        at: [f64; 3],
-    },
-    /// The holes cannot be filled.
-    #[error(transparent)]
-    Fill(#[from] FillError),
-    /// The surface cannot be oriented.
-    #[error(transparent)]
-    Orient(#[from] OrientError),
-    /// The positions exceed the largest coordinate of a mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
-}
-
 impl Node for Solid {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
@@ -177,9 +130,9 @@ pub fn solid(
     base: &Base,
     thickness: f64,
     progress: &Progress<'_>,
-) -> Result<SolidMesh, SolidError> {
+) -> Result<SolidMesh, Error> {
     if !(0.0 <= thickness && thickness.is_finite()) {
-        return Err(SolidError::Thickness(thickness));
+        bail!("`thickness` is {thickness}, but must be a number from 0 on");
     }
     let (solid, unseen, floor) = match *base {
         Base::Flat { behind, up, holes } => {
@@ -205,8 +158,14 @@ pub fn solid(
     };
     let crossing = progress.part(0.5..0.6, |progress| solid.crossings(|| progress.check()))?;
     if let Some(&[face, _]) = crossing.first() {
-        let at = solid.first_triangle_center(solid.faces().face(face as usize)).coords.into();
-        return Err(SolidError::Crossing { count: crossing.len(), at });
+        let at = solid.first_triangle_center(solid.faces().face(face as usize));
+        bail!(
+            "the solid would intersect itself: {} pairs of faces cross, the first one at ({:.3}, {:.3}, {:.3}); use `Reconstruct` to make one surface of the data",
+            crossing.len(),
+            at.x,
+            at.y,
+            at.z
+        );
     }
     if thickness == 0.0 {
         return Ok(SolidMesh { mesh: solid, unseen, thin: 0 });
@@ -217,12 +176,14 @@ pub fn solid(
 }
 
 /// Returns the mesh with filled holes and faces that look outward.
-fn close(mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, SolidError> {
+fn close(mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, Error> {
     let filled = fill_holes(mesh, &HoleChoice::All, &FillMethod::ThinPlate, progress)?.mesh;
     let filled = orient(&filled, Outside::Outward)?.mesh;
     match filled.edges().faces.iter().filter(|faces| **faces == 1).count() {
         0 => Ok(filled),
-        count => Err(SolidError::Open { count }),
+        count => bail!(
+            "{count} edges of the mesh are still open after its holes are filled: the border around an open scan is not a hole; use `base: Flat()` to give it walls"
+        ),
     }
 }
 
@@ -242,7 +203,7 @@ mod tests {
         Mesh::new(positions, Faces::triangles(faces)).unwrap()
     }
 
-    fn flat_base(mesh: &Mesh, behind: f64, up: Option<[f64; 3]>) -> Result<Mesh, SolidError> {
+    fn flat_base(mesh: &Mesh, behind: f64, up: Option<[f64; 3]>) -> Result<Mesh, Error> {
         let base = Base::Flat { behind, up, holes: Holes::Through };
         Ok(solid(mesh, &base, 0.0, &Progress::silent())?.mesh)
     }
@@ -360,7 +321,7 @@ mod tests {
 
     #[test]
     fn unsuitable_meshes_are_errors() {
-        fn error(found: Result<Mesh, SolidError>) -> String {
+        fn error(found: Result<Mesh, Error>) -> String {
             found.unwrap_err().to_string()
         }
         let relief = net(|_, _| 0.0, &[]);

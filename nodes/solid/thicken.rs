@@ -1,13 +1,12 @@
 //! Makes walls thick enough.
 
-use maquette_node::{CancelledError, Progress};
+use maquette_node::{Error, Progress};
 use maquette_value::parallel::*;
 use maquette_value::{Backing, Faces, Mesh, MeshError, TriangleTree};
 use nalgebra::{Point3, Vector3};
-use thiserror::Error;
 
-use crate::combine::{BooleanError, boolean};
-use crate::offset::{Floor, OffsetSurfaceError, offset_surface};
+use crate::combine::boolean;
+use crate::offset::{Floor, offset_surface};
 use crate::operation::Operation;
 use crate::transfer_attributes::transfer_attributes;
 
@@ -16,23 +15,6 @@ const PASSES: usize = 3;
 
 /// Factor by which the added thickness is multiplied: the flat faces of the added volume would make it thinner than requested.
 const THICKNESS_FACTOR: f64 = 1.1;
-
-/// Reasons why walls cannot be made thicker.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum ThickenError {
-    /// The grid around the thin walls would have too many cells.
-    #[error(transparent)]
-    Round(#[from] OffsetSurfaceError),
-    /// The intersection of the added volume and the solid cannot be decided.
-    #[error(transparent)]
-    Boolean(#[from] BooleanError),
-    /// The result exceeds the limits of a mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
-}
 
 /// Returns the solid with walls of at least `thickness` mm, measured straight inward from the center of each face, and the number of faces
 /// whose walls are still thinner.
@@ -44,7 +26,7 @@ pub(crate) fn thicken(
     thickness: f64,
     floor: Option<Floor>,
     progress: &Progress<'_>,
-) -> Result<(Mesh, usize), ThickenError> {
+) -> Result<(Mesh, usize), Error> {
     let mut made = solid.clone();
     let mut passes = 0..PASSES;
     loop {

@@ -5,11 +5,11 @@ use std::iter;
 use maquette_base::linear::attribute_transfer::AttributeTransfer;
 use maquette_base::linear::weighted_mean::WeightedMean;
 use maquette_base::topology::union_find::UnionFind;
+use maquette_node::{Error, bail};
 use maquette_value::{Faces, Mesh, MeshError, NearestPoint, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
 use super::net::{Kind, NONE, Net, next, previous};
-use crate::remesh_error::RemeshError;
 
 /// Cosine of the angle, 45 degrees, by which a curve must turn between two points an edge length apart to have a corner.
 const CORNER_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
@@ -31,7 +31,7 @@ impl<'a> Original<'a> {
     ///
     /// # Errors
     /// Returns an error if an edge has more than two faces, or its faces are oriented inconsistently.
-    pub(super) fn new(mesh: &'a Mesh, length: f64, angle: f64) -> Result<(Self, Net), RemeshError> {
+    pub(super) fn new(mesh: &'a Mesh, length: f64, angle: f64) -> Result<(Self, Net), Error> {
         let parents = (0u32..).zip(mesh.faces().iter());
         let parents = parents.flat_map(|(parent, face)| iter::repeat_n(parent, face.len() - 2));
         let parents = Vec::from_iter(parents);
@@ -39,10 +39,13 @@ impl<'a> Original<'a> {
         let edges = faces.edges();
         let crowded = edges.faces.iter().filter(|&&faces| 2 < faces).count();
         if crowded > 0 {
-            return Err(RemeshError::Crowded { edges: crowded });
+            bail!("{crowded} edges have more than two faces: the mesh is not a surface there");
         }
         if edges.misoriented > 0 {
-            return Err(RemeshError::Twisted { edges: edges.misoriented });
+            bail!(
+                "{} edges have faces with different orientations; use `Orient` to make them consistent",
+                edges.misoriented
+            );
         }
         let mut first = vec![NONE; edges.vertices.len()];
         let mut twins = vec![NONE; edges.of_corner.len()];

@@ -1,28 +1,9 @@
 //! A low-pass filter on the vertices of a mesh.
 
 use maquette_base::topology::lists::Lists;
-use maquette_node::{CancelledError, Progress};
+use maquette_node::{Error, Progress, bail};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
-use thiserror::Error;
-
-/// Reasons why the filter has no solution.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum FilterError {
-    /// The iteration did not converge.
-    #[error(
-        "the mesh is too distorted, or `length` is too large for its edges: the residual is still {off:.2e} after {steps} steps; use `Remesh` to make its faces uniform"
-    )]
-    NotSolved {
-        /// The number of steps that were performed.
-        steps: usize,
-        /// The residual, relative to the right side.
-        off: f64,
-    },
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
-}
 
 /// Residual at which the iteration stops, relative to the initial residual; it is far below the resolution of a scan.
 const TOLERANCE: f64 = 1e-8;
@@ -61,7 +42,7 @@ impl Filter {
         is_free: &[bool],
         length: f64,
         progress: &Progress<'_>,
-    ) -> Result<(), FilterError> {
+    ) -> Result<(), Error> {
         let system = System::new(self, is_free, length);
         // The unknown is the correction of the positions, which is zero for vertices that are not free.
         let before: Vec<_> = places.iter().map(|place| place.coords).collect();
@@ -102,7 +83,9 @@ impl Filter {
             all.for_each(|(p, z)| *p = z + p.component_mul(&share));
         }
         let off = (system.dot(&residual, &residual).amax() / first.amax()).sqrt();
-        Err(FilterError::NotSolved { steps: MAX_STEPS, off })
+        bail!(
+            "the mesh is too distorted, or `length` is too large for its edges: the residual is still {off:.2e} after {MAX_STEPS} steps; use `Remesh` to make its faces uniform"
+        )
     }
 }
 

@@ -1,10 +1,9 @@
 //! Parameters of the transfer of colors from captures.
 
 use maquette_mesh::Poses;
+use maquette_node::{Error, bail};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use super::bake_error::BakeError;
 
 /// Parameters of the transfer of colors from captures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -40,11 +39,11 @@ pub enum Level {
 impl Baking {
     /// # Errors
     /// Returns an error if a length is invalid.
-    pub(super) fn check(&self) -> Result<(), BakeError> {
+    pub(super) fn check(&self) -> Result<(), Error> {
         let lengths = [("tolerance", self.tolerance), ("feather", self.feather)];
-        match lengths.into_iter().find(|it| !(0.0..1e50).contains(&it.1)) {
-            Some((what, value)) => Err(BakeError::Parameter { what, value }),
-            None => Ok(()),
+        if let Some((name, value)) = lengths.iter().find(|it| !(0.0..1e50).contains(&it.1)) {
+            bail!("`{name}` is {value}, but must be a length, or 0");
         }
+        Ok(())
     }
 }

@@ -3,13 +3,12 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use maquette_node::{CancelledError, Progress};
+use maquette_node::{CancelledError, Error, Progress};
 use maquette_value::parallel::*;
 use maquette_value::{Image, Mesh, TriangleTree};
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::super::light::light_of;
-use super::bake_error::BakeError;
 use super::baking::Baking;
 use super::camera::Camera;
 use super::sample::Sample;
@@ -51,14 +50,17 @@ impl<'a> View<'a> {
         capture: &'a Mesh,
         motion: &Matrix4<f64>,
         how: &Baking,
-    ) -> Result<Self, BakeError> {
-        fn lacks(what: &'static str, number: usize) -> BakeError {
-            BakeError::NoPicture { capture: number + 1, what }
+    ) -> Result<Self, Error> {
+        fn lacks(what: &str, number: usize) -> Error {
+            Error::new(format!(
+                "capture {} has no {what}: add its picture with `Texture`",
+                number + 1
+            ))
         }
         let picture = capture
             .texture()
             .filter(|it| !it.pixels().is_empty())
-            .ok_or(lacks("picture", number))?;
+            .ok_or_else(|| lacks("picture", number))?;
         if capture.faces().is_empty() {
             return Err(lacks("faces", number));
         }
@@ -73,8 +75,13 @@ impl<'a> View<'a> {
             capture.frame().filter(|frame| frame.picture == size).and_then(|frame| frame.camera);
         let camera = match known.and_then(|pinhole| Camera::from_pinhole(&pinhole, motion)) {
             Some(camera) => camera,
-            None => Camera::from_texture_coordinates(&mesh, size)
-                .map_err(|why| BakeError::NoCamera { capture: number + 1, why })?,
+            None => Camera::from_texture_coordinates(&mesh, size).map_err(|why| {
+                Error::new(format!(
+                    "the camera of capture {} is unknown and cannot be computed from its texture coordinates ({why}): give a camera file, or \
+                     leave the capture where it was taken",
+                    number + 1
+                ))
+            })?,
         };
         let side = if mesh
             .faces()

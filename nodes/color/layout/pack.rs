@@ -18,18 +18,6 @@ pub(super) struct PackedCharts {
     pub(super) scale: f64,
 }
 
-/// Reasons why charts cannot be packed.
-pub(super) enum PackError {
-    Full,
-    Cancelled(CancelledError),
-}
-
-impl From<CancelledError> for PackError {
-    fn from(error: CancelledError) -> Self {
-        Self::Cancelled(error)
-    }
-}
-
 /// Maximum number of positions that are tried along each side of the square: a multiple of 64.
 const PLACES: usize = 512;
 
@@ -43,7 +31,7 @@ const INITIAL_FILL: f64 = 0.85;
 const HALVINGS: usize = 3;
 
 /// Packs all charts into a square of `size` texels, with `padding` texels between two charts and half of that at the border. All charts
-/// have one scale, the largest that is found.
+/// have one scale, the largest that is found. The result is `None` if the charts do not fit.
 ///
 /// Long charts come first. Each is placed in one of four orientations at the position where its top is lowest: the order and the aim of
 /// Levy, Petitjean, Ray and Maillot, "Least squares conformal maps for automatic texture atlas generation" (2002), section 4. Unlike there,
@@ -53,7 +41,7 @@ pub(super) fn pack(
     size: usize,
     padding: usize,
     progress: &Progress<'_>,
-) -> Result<PackedCharts, PackError> {
+) -> Result<Option<PackedCharts>, CancelledError> {
     let pieces: Vec<_> = pieces.iter().map(upright).collect();
     let block = size.div_ceil(PLACES);
     let square = Square { blocks: size / block, block: block as f64, margin: padding as f64 / 2.0 };
@@ -61,7 +49,7 @@ pub(super) fn pack(
     let least = (2.0 * square.margin / square.block).ceil().max(1.0);
     let side = square.blocks as f64;
     if side * side < pieces.len() as f64 * least * least {
-        return Err(PackError::Full);
+        return Ok(None);
     }
     let heights: Vec<f64> = pieces.iter().map(|piece| piece.size.max()).collect();
     let mut order: Vec<usize> = (0..pieces.len()).collect();
@@ -77,7 +65,7 @@ pub(super) fn pack(
         }
         scale *= SHRINK;
     }
-    let Some(mut found) = found else { return Err(PackError::Full) };
+    let Some(mut found) = found else { return Ok(None) };
     let mut step = scale * (1.0 / SHRINK - 1.0);
     for _ in 0..HALVINGS {
         step /= 2.0;
@@ -103,7 +91,7 @@ pub(super) fn pack(
             })
             .collect()
     });
-    Ok(PackedCharts { places: places.collect(), scale })
+    Ok(Some(PackedCharts { places: places.collect(), scale }))
 }
 
 /// A chart rotated to the smallest bounding box, with its lower left corner at the origin.

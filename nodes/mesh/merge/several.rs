@@ -2,8 +2,6 @@
 
 use maquette_value::{Attribute, MATERIAL_ATTRIBUTE, Material, Mesh, MeshError};
 
-use super::MergeError;
-
 /// Returns the mesh with texture coordinates at its corners and a color at each vertex, because the other merged meshes may have them.
 pub(super) fn prepare(mesh: &Mesh) -> Result<Mesh, MeshError> {
     let corners = mesh.faces().corners();
@@ -25,7 +23,7 @@ pub(super) fn prepare(mesh: &Mesh) -> Result<Mesh, MeshError> {
 }
 
 /// Returns the merged mesh with the materials of all parts, without duplicates.
-pub(super) fn with_materials(merged: Mesh, parts: &[Mesh]) -> Result<Mesh, MergeError> {
+pub(super) fn with_materials(merged: Mesh, parts: &[Mesh]) -> Result<Mesh, MeshError> {
     let mut materials: Vec<Material> = Vec::new();
     let mut numbers: Vec<u32> = Vec::with_capacity(merged.faces().len());
     for part in parts.iter().filter(|part| !part.faces().is_empty()) {

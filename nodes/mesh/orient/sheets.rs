@@ -1,25 +1,8 @@
 //! The parts of a mesh whose faces can be oriented consistently.
 
 use maquette_base::topology::lists::Lists;
+use maquette_node::{Error, bail};
 use maquette_value::Mesh;
-use thiserror::Error;
-
-/// A part that is not orientable, such as a Moebius strip.
-#[derive(Clone, Debug, PartialEq, Error)]
-#[error(
-    "a part of {faces} faces has only one side, as a Moebius strip has: at {edges} of its edges faces cannot agree, at {} to {} near ({:.3}, {:.3}, {:.3}) for one; \
-     cut it there, or take the part away by `Pieces`", ends[0], ends[1], at[0], at[1], at[2]
-)]
-pub struct OneSided {
-    /// Number of faces of the part.
-    pub faces: usize,
-    /// Number of edges at which the part's faces cannot be made consistent.
-    pub edges: usize,
-    /// The vertices of the first inconsistent edge.
-    pub ends: [u32; 2],
-    /// The middle of the edge `ends`, in mm.
-    pub at: [f64; 3],
-}
 
 /// The parts of a mesh: faces that are connected by edges of two faces.
 pub(super) struct Sheets {
@@ -38,7 +21,7 @@ impl Sheets {
     ///
     /// # Errors
     /// Returns an error if a part is not orientable.
-    pub(super) fn new(mesh: &Mesh) -> Result<Self, OneSided> {
+    pub(super) fn new(mesh: &Mesh) -> Result<Self, Error> {
         let (edges, count) = (mesh.edges(), mesh.faces().len());
         // For each edge, the sides of faces at it: the face, and true if the side runs from the vertex with the lower index to the other
         // one.
@@ -88,11 +71,17 @@ impl Sheets {
             }
             if let Some(&first) = torn.iter().min() {
                 // Each inconsistent edge was counted from both of its faces.
-                let (faces, edges_of_it) = (flooded.len(), torn.len() / 2);
-                let ends = edges.vertices[first];
-                let [a, b] = ends.map(|end| mesh.positions()[end as usize]);
-                let at = nalgebra::center(&a, &b).coords.into();
-                return Err(OneSided { faces, edges: edges_of_it, ends, at });
+                let (faces, count) = (flooded.len(), torn.len() / 2);
+                let [a, b] = edges.vertices[first];
+                let positions = mesh.positions();
+                let at = nalgebra::center(&positions[a as usize], &positions[b as usize]);
+                bail!(
+                    "a part of {faces} faces has only one side, as a Moebius strip has: at {count} of its edges faces cannot agree, at {a} to {b} near ({:.3}, {:.3}, {:.3}) for one; \
+                     cut it there, or take the part away by `Pieces`",
+                    at.x,
+                    at.y,
+                    at.z
+                );
             }
             if flooded.len() < 2 * flooded.iter().filter(|face| is_turned[**face]).count() {
                 flooded.iter().for_each(|&face| is_turned[face] ^= true);

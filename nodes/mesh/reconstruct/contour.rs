@@ -7,12 +7,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use maquette_node::{CancelledError, Limit, Progress};
+use maquette_node::{CancelledError, Error, Limit, Progress};
 use maquette_value::parallel::*;
 use nalgebra::Point3;
 
 use super::cells::{CellIndex, Places};
-use super::poisson::{Field, SURFACE, SolveError};
+use super::poisson::{Field, SURFACE};
 
 /// Maximum number of faces; with normals and attributes, the computation then needs about 2 GB.
 pub(super) const FACES: Limit = Limit {
@@ -28,7 +28,7 @@ pub(super) struct Skin {
 }
 
 /// Returns the closed surface at which a function has the value [`super::poisson::SURFACE`].
-pub(super) fn contour(field: &Field, progress: &Progress<'_>) -> Result<Skin, SolveError> {
+pub(super) fn contour(field: &Field, progress: &Progress<'_>) -> Result<Skin, Error> {
     let (cells, nodes) = intersected_cells(field, progress)?;
     let depth = field.cube.depth;
     let mut values: Vec<f64> = (0..nodes.len())
@@ -63,10 +63,7 @@ fn is_mixed(values: &[f64; 8]) -> bool {
 }
 
 /// Returns the finest cells that the surface intersects, and all of their nodes.
-fn intersected_cells(
-    field: &Field,
-    progress: &Progress<'_>,
-) -> Result<(Places, Places), SolveError> {
+fn intersected_cells(field: &Field, progress: &Progress<'_>) -> Result<(Places, Places), Error> {
     let depth = field.cube.depth;
     let mut coarse: Vec<CellIndex> = Vec::new();
     for from in 0..=depth {
@@ -85,7 +82,7 @@ fn intersected_cells(
         let mut cells: Vec<CellIndex> = inherited.collect();
         cells.extend(own);
         FACES.check("the surface", cells.len() as f64)?;
-        progress.check().map_err(SolveError::Cancelled)?;
+        progress.check()?;
         coarse = if from < depth {
             cells.par_iter().flat_map_iter(|cell| corners_of(cell.map(|x| 2 * x))).collect()
         } else {

@@ -11,7 +11,7 @@
 //! gradients of `B_i` and `B_j`.
 
 use maquette_base::topology::lists::Lists;
-use maquette_node::{CancelledError, Limit, LimitError, Progress};
+use maquette_node::{CancelledError, Error, Limit, Progress};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
@@ -56,7 +56,7 @@ impl Field {
         surfels: &[Surfel],
         screening: f64,
         progress: &Progress<'_>,
-    ) -> Result<Self, SolveError> {
+    ) -> Result<Self, Error> {
         let cube = pyramid.cube;
         let mut field = Self { cube, grids: Vec::new() };
         let mut count = 0;
@@ -166,15 +166,6 @@ fn gradient(values: &[f64; 8], within: [f64; 3]) -> Vector3<f64> {
         });
         high - low
     })
-}
-
-/// Reasons why the function cannot be computed.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum SolveError {
-    #[error(transparent)]
-    TooMuch(#[from] LimitError),
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
 }
 
 /// The surfels of a cell of one depth, combined.

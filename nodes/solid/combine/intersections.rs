@@ -4,10 +4,9 @@ use std::cmp::Ordering;
 use std::ops::Range;
 
 use maquette_base::topology::union_find::UnionFind;
-use maquette_mesh::MergeError;
 use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
-use maquette_value::{Bounds, BoxTree, Mesh, MeshError};
+use maquette_value::{Bounds, BoxTree, Mesh};
 use nalgebra::Point3;
 use thiserror::Error;
 
@@ -65,18 +64,13 @@ pub(super) struct Meet {
     along: Vec<u32>,
 }
 
-/// Reasons why the intersections of two meshes cannot be computed.
+/// Error returned if one of two solids has no well-defined inside around a point.
 #[derive(Debug, Error)]
-pub(super) enum IntersectionError {
-    /// One of the meshes, 0 or 1, has no well-defined inside around the point.
-    #[error("mesh {0} has no inside, seen from {1}")]
-    Crossing(usize, Point3<f64>),
-    #[error(transparent)]
-    Merge(#[from] MergeError),
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
+#[error("mesh {solid} has no inside, seen from {at}")]
+pub(super) struct NoInsideError {
+    /// The index of the solid, 0 or 1.
+    pub(super) solid: usize,
+    pub(super) at: Point3<f64>,
 }
 
 impl<'a> Pair<'a> {
@@ -137,7 +131,7 @@ impl<'a> Pair<'a> {
     }
 
     /// Computes the intersection points of both surfaces.
-    pub(super) fn meet(&self, progress: &Progress<'_>) -> Result<Meet, IntersectionError> {
+    pub(super) fn meet(&self, progress: &Progress<'_>) -> Result<Meet, CancelledError> {
         let all = [0, 1].map(|solid| {
             let triangles = self.triangles_of(solid).into_par_iter().with_min_len(CHUNK);
             let bounds = triangles.map(|it| (it as u32, self.bounds(it as u32)));
@@ -257,7 +251,7 @@ impl<'a> Pair<'a> {
     }
 
     /// Returns, for each vertex, whether it is inside of the other solid.
-    pub(super) fn find_inside(&self, meet: &Meet) -> Result<Vec<bool>, IntersectionError> {
+    pub(super) fn find_inside(&self, meet: &Meet) -> Result<Vec<bool>, NoInsideError> {
         let mut is_touched = vec![false; self.triangles.len()];
         meet.segments
             .iter()
@@ -277,7 +271,7 @@ impl<'a> Pair<'a> {
             let own = &mut known[sets.find(vertex) as usize];
             if own.is_some_and(|it| it != is_inside) {
                 let at = self.mesh.positions()[vertex as usize];
-                return Err(IntersectionError::Crossing(1 - self.solid_of(vertex), at));
+                return Err(NoInsideError { solid: 1 - self.solid_of(vertex), at });
             }
             *own = Some(is_inside);
             Ok(())
@@ -293,7 +287,7 @@ impl<'a> Pair<'a> {
                 .any(|it| enters(it[0], &meet.meetings) == enters(it[1], &meet.meetings))
             {
                 let at = self.mesh.positions()[low as usize];
-                return Err(IntersectionError::Crossing(1 - self.solid_of(low), at));
+                return Err(NoInsideError { solid: 1 - self.solid_of(low), at });
             }
             tell(low, !enters(along[0], &meet.meetings))?;
             tell(high, enters(along[along.len() - 1], &meet.meetings))?;
@@ -323,10 +317,8 @@ impl<'a> Pair<'a> {
             let windings = self.windings(vertex, tree, triangles.start);
             let is_inside = windings == 1;
             if !(0..=1).contains(&windings) || known[set].is_some_and(|it| it != is_inside) {
-                return Err(IntersectionError::Crossing(
-                    other,
-                    self.mesh.positions()[vertex as usize],
-                ));
+                let at = self.mesh.positions()[vertex as usize];
+                return Err(NoInsideError { solid: other, at });
             }
             known[set] = Some(is_inside);
         }

@@ -166,7 +166,7 @@ fn outlets_lead_through_the_wall() {
         let found = volume(&closed) - volume(&open);
         assert!((found - drilled).abs() < 1e-3 * drilled.max(1e-6), "{found} {drilled}");
     }
-    assert_eq!(with(&[below, above, below]), with(&[below, above]));
+    assert_eq!(with(&[below, above, below]).unwrap(), with(&[below, above]).unwrap());
     let error = |outlet: Outlet| with(&[below, outlet]).unwrap_err().to_string();
     let wide = error(Outlet { diameter: 100.0, ..above });
     assert!(wide.starts_with("nothing is left of the solid: the outlets are too wide"), "{wide}");
