@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::{Ancestry, EXTENSION, Pin, Pins};
 
 impl Pins {
-    /// Reads the pins of a graph. Empty if it has none.
+    /// Reads the pins of a graph. Returns an empty list if the graph has none.
     ///
     /// # Errors
     /// The file cannot be read, or is not a list of pins.
@@ -34,7 +34,8 @@ impl Pins {
         let errors = syntax_diagnostics(&name, &none.source.text, errors);
         if let Some(error) = errors.into_iter().next() {
             let known = none.error(error.span, error.message);
-            // A damaged list, for example one with a merge conflict, can be repaired without losing all pins.
+            // Prefer the help of the syntax error, which says how to repair the list, for example after a merge conflict. The general help
+            // is to delete the file, which loses all pins.
             let help = if error.help.is_empty() { known.help.clone() } else { error.help };
             return Err(Box::new(Diagnostic { help, ..*known }));
         }
