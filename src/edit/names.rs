@@ -329,7 +329,7 @@ impl Search<'_> {
         named: Vec<(Range<usize>, Symbol)>,
         declares: bool,
     ) {
-        // Names contain no characters that need escapes. Skip a literal with escapes, because its ranges do not fit the file.
+        // Skip a literal with escapes, because ranges of its text are not ranges of the file.
         let Some(start) = self.text[at.start..at.end].find(says) else { return };
         let start = at.start + start;
         for (range, symbol) in named {

@@ -146,7 +146,7 @@ impl References {
     }
 }
 
-/// Collects references.
+/// Collects the references in a graph file.
 struct Search<'t> {
     found: BTreeMap<Span, Reference>,
     /// The names of nodes and inputs.

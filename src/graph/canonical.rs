@@ -533,7 +533,7 @@ pub(super) fn rename(
     })
 }
 
-/// Renames the parameters that an expression names.
+/// Renames parameters in the text of an expression.
 fn rename_in_expression(text: &str, new: &dyn Fn(&str) -> Option<String>) -> String {
     let names = named_parameters(text, &|name| new(name).is_some()).unwrap_or_default();
     let mut result = text.to_owned();

@@ -86,7 +86,7 @@ impl Entry {
         })
     }
 
-    /// Returns the schema with its references resolved by [`merged`], which is faster for repeated look-ups.
+    /// Returns the schema with its references resolved by [`merge_references`], which is faster for repeated look-ups.
     pub(crate) fn merged_schema(&self) -> &Json {
         self.merged_schema.get_or_init(|| merge_references(self.schema()))
     }
@@ -146,7 +146,7 @@ impl Entry {
     }
 }
 
-/// The error that no file format with this extension can store a value of this type.
+/// The error for a value that no file format with this extension can store.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no `.{ending}` file holds a value of the type {kind}; it can be written to: {}", known.join(", "))]
 struct NoFormat {
@@ -205,7 +205,7 @@ impl Catalog {
         Self { entries, values, formats, readers, code, migrations, recipes }
     }
 
-    /// Returns the identities of the packs' code, in the order of the packs.
+    /// Returns the identity of each pack's code, in the order of the packs.
     pub fn code(&self) -> &[Code] {
         &self.code
     }

@@ -371,7 +371,7 @@ fn scale_numbers(tree: &Tree, scale: &mut impl FnMut(f64) -> f64) -> Tree {
     Tree { kind, ..tree.clone() }
 }
 
-/// Returns true if no part of a value needs to be resolved.
+/// Returns true if a value contains no `Param`, `Expr`, `Draft`, number with a unit, or `-0.0`, all of which must be resolved.
 fn is_plain(tree: &Tree) -> bool {
     match &tree.kind {
         Kind::Call { name: Some(name), body } => {

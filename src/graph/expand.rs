@@ -551,7 +551,7 @@ impl<'a> Expansion<'_, 'a> {
     }
 }
 
-/// The data of a node that is added to the flat graph.
+/// The data of a node that is to be added to the flat graph.
 struct NewNode {
     name: String,
     built: BuiltNode,

@@ -195,7 +195,7 @@ impl Check<'_, '_> {
         parsed_nodes: &[ParsedNode],
         names: &Names<'_>,
     ) -> Option<(usize, usize)> {
-        // Errors of outputs have been reported at the outputs.
+        // The name of an output. An error of its link has been reported at the output.
         if outputs.iter().any(|(key, _)| key.text() == Some(value)) {
             let port = ports.iter().find(|port| port.name == value);
             let file = files.iter().find(|file| file.name == value);

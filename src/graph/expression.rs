@@ -69,6 +69,7 @@ const MAX_HYPHENS: usize = 31;
 
 /// Evaluates the expression `text` with the given values of parameters.
 ///
+/// # Errors
 /// The text is not an expression, names an unknown parameter, or mixes numbers and truth values. Also if an infinite or NaN part
 /// contributes to the result.
 pub fn evaluate(

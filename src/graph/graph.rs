@@ -45,7 +45,7 @@ pub struct Graph {
     pub(crate) uses: Arc<[GraphUse]>,
     /// Each `ForEach` of the graph that iterates over data.
     pub(crate) loops: Arc<[Loop]>,
-    /// The names of each `ForEach` over data whose number of elements is known.
+    /// The names of all `ForEach` nodes over data whose number of elements is known.
     pub(crate) counted: BTreeSet<String>,
     /// The data for expanding the graph again with other numbers of elements. `None` if it has no `ForEach` over data.
     pub(crate) stage: Option<Arc<Stage>>,

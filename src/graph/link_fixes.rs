@@ -9,7 +9,7 @@ use super::dependencies::Dependencies;
 use super::splice::newline;
 use crate::definition::{NodeKind, ParsedNode};
 
-/// A replacement of a span by a text.
+/// An edit of a text: the span to be replaced, and the new text.
 type Edit = (Span, String);
 
 impl Check<'_, '_> {

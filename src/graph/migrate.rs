@@ -72,7 +72,7 @@ pub fn kind_of(node: &Tree) -> Option<Name> {
 }
 
 impl<'c> Migrations<'c> {
-    /// Returns the new name of a node type after a single step.
+    /// Returns the name of a node type after one migration step. `None` if the name is current.
     fn new_name(self, old: &str) -> Option<&'static str> {
         // The name of a node type that exists is not outdated.
         fn is_old(name: &str, catalog: &Catalog) -> bool {
@@ -87,7 +87,7 @@ impl<'c> Migrations<'c> {
             .filter(|_| is_old(old, self.catalog))
     }
 
-    /// Returns the current name of a node type after all steps.
+    /// Returns the name of a node type after all migration steps.
     fn current_name(self, name: &str) -> String {
         let mut present = name.to_owned();
         for _ in 0..MAX_STEPS {
@@ -398,13 +398,13 @@ fn all_steps(path: &Path, text: &str, catalog: &Catalog) -> String {
     migrated
 }
 
-/// Returns the edits of the next migration step of each call.
+/// Returns the edits of the next migration step for each node call in a text.
 fn next_steps(text: &str, catalog: &Catalog) -> Vec<Splice> {
     let (tree, _) = parse(text);
     nodes_of_packs(&tree).flat_map(|(_, node)| call_steps(node, text, catalog)).collect()
 }
 
-/// Returns the edits of the next migration step of a call.
+/// Returns the edits of the next migration step for one node call.
 fn call_steps(node: &Tree, text: &str, catalog: &Catalog) -> Vec<Splice> {
     let migrations = Migrations { catalog };
     let Some(Call { kind, is_text, groups }) = Call::read(node) else { return Vec::new() };

@@ -40,7 +40,7 @@ pub(super) struct ResolvedValue {
     pub(super) unit: Unit,
     /// The value as messages name it, such as `Param("near")`.
     pub words: String,
-    /// The position of the declaration that determines the unit, with a text, if it is not the position of the value.
+    /// If the unit comes from a declaration elsewhere in the file: the position of the declaration, and a text for the message.
     pub(super) note: Option<(Span, String)>,
 }
 

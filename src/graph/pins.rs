@@ -39,7 +39,7 @@ pub struct Pins {
 
 /// The stored result of a pinned node.
 pub struct Pin {
-    /// The type and the hash of each output.
+    /// For each output of the node, the name of its value type and the hash of its value.
     pub outputs: Vec<(String, Hash)>,
     /// The nodes, parameters and files from which the result was computed.
     pub(crate) ancestry: Ancestry,

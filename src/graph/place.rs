@@ -8,7 +8,7 @@ use crate::draft_value;
 use crate::draft_value::{is_draft, is_side};
 use crate::tree::{is_patch, text_in_call};
 
-/// The error for a value that cannot be edited.
+/// The reason why an edit is impossible, with the code and position for a diagnostic.
 pub struct EditError {
     pub code: &'static str,
     pub span: Span,

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use maquette_syntax::error::Span;
 use maquette_syntax::{Body, Field, Kind, LineEnding, Token, Tree, tokens};
 
-/// A replacement of a span by a text.
+/// An edit of a text: the span to be replaced, and the new text.
 pub type Splice = (Span, String);
 
 pub fn apply(text: &str, mut edits: Vec<Splice>) -> String {

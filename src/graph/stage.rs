@@ -138,7 +138,7 @@ impl Memo for PreviousElements {
     }
 }
 
-/// The error that the number of elements in the data differs from the number for which the graph was expanded.
+/// The error for data whose number of elements differs from the number for which the graph was expanded.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("it has {0} elements now: run the graph again")]
 pub struct ElementCountChanged(pub usize);

@@ -10,7 +10,7 @@ use super::definition::Definition;
 /// An entry of the section `use`.
 pub(super) struct UseEntry<'t> {
     pub(super) path: &'t str,
-    /// The position of the graph's path.
+    /// The position of `path` in the file.
     pub(super) span: Span,
     pub(super) version: Option<VersionRequirement<'t>>,
 }

@@ -62,7 +62,7 @@ impl Carry {
         Self { cells: Some(fate), ..self }
     }
 
-    /// Excludes attributes that the node computes itself from the transfer.
+    /// Excludes attributes from the transfer, because the node computes them itself.
     #[must_use]
     pub const fn excluding(self, own: &'static [&'static str]) -> Self {
         Self { own, ..self }

@@ -158,7 +158,7 @@ impl File {
     }
 }
 
-/// The error that a file could not be read.
+/// The error for a file that could not be read.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("cannot read {name}: {reason}")]
 pub struct ReadError {

@@ -144,7 +144,7 @@ pub const fn reader<R: FileReader>() -> AnyReader {
     }
 }
 
-/// The error that no reader returns values of the required type from files with this extension.
+/// The error for a file that no reader can read: none returns values of the required type from files with this extension.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no {what} can be read from {}; supported extensions: {}", if extension.is_empty() { "a file without an extension".into() } else { format!("`.{extension}`") }, known.join(", "))]
 pub struct NoReader {
@@ -156,8 +156,8 @@ pub struct NoReader {
     pub known: Vec<&'static str>,
 }
 
-/// The error that all readers for the file's extension have failed. Each item is an error and the types of values whose readers returned
-/// it.
+/// The error for a file for which all readers of its extension have failed. Each item is an error and the types of values whose readers
+/// returned it.
 #[derive(Debug, thiserror::Error)]
 #[error("{}", self.describe())]
 struct ReadFailures(Vec<(Vec<&'static str>, Error)>);

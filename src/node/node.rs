@@ -1,4 +1,4 @@
-//! A step of a graph.
+//! The trait of node types, which are the steps of a graph.
 
 use maquette_syntax::error::Error;
 use schemars::JsonSchema;

@@ -2,7 +2,7 @@
 
 use crate::error::Span;
 
-/// A replacement of a span by a text.
+/// An edit of a text: the span to be replaced, and the new text.
 pub(super) type Edit = (Span, String);
 
 /// A text that is being repaired.

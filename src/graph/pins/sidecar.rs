@@ -48,7 +48,7 @@ impl Pins {
         Box::new(self.diagnostic(span, code::PIN, message, help.into()))
     }
 
-    /// Returns the text of the file.
+    /// Returns the text of the file that lists the pins.
     pub fn to_text(&self) -> String {
         let pins = self.pins.iter().map(|(name, Pin { outputs, ancestry, .. })| {
             let from = serde_json::to_string(ancestry).unwrap_or_default();
@@ -69,7 +69,7 @@ struct PinsFile<'p> {
 
 #[derive(Serialize)]
 struct PinEntry<'p> {
-    /// The type and the hash of each output.
+    /// For each output of the node, the name of its value type and the hash of its value.
     outputs: &'p [(String, Hash)],
     /// The ancestry of the result, as JSON.
     from: String,
