@@ -39,7 +39,7 @@ impl Drawing {
     }
 }
 
-/// Returns the record label of a node: the inputs at the left, the outputs at the right, and the name and type between them.
+/// Returns the record label of a node: input ports at the left, outputs at the right, and the name and type of the node between them.
 fn record(block: &Block) -> String {
     fn field((index, name): (usize, &str), letter: char) -> String {
         format!("<{letter}{index}> {}", escape_record(name))
@@ -56,7 +56,7 @@ fn record(block: &Block) -> String {
     format!("{{{inputs}{}\\n{} | {{{outputs}}}}}", escape_record(&block.name), escape_record(kind))
 }
 
-/// Escapes a text for a record label.
+/// Escapes the special characters of a text for a record label.
 fn escape_record(text: &str) -> String {
     let mut escaped = String::new();
     for letter in text.chars() {
@@ -68,12 +68,12 @@ fn escape_record(text: &str) -> String {
     escaped
 }
 
-/// Converts a text to a DOT string: adds quotes and escapes.
+/// Converts a plain text to a string in DOT: escapes it and adds quotes.
 fn plain(text: &str) -> String {
     quote(&text.replace('\\', "\\\\"))
 }
 
-/// Quotes a label. Backslashes in the label are not escaped, because they are already Graphviz escapes.
+/// Adds quotes to a label. Backslashes are not escaped, because the label already contains escapes of Graphviz.
 fn quote(label: &str) -> String {
     let label = label.replace(char::is_control, " ");
     format!("\"{}\"", label.replace('"', "\\\""))

@@ -1,4 +1,4 @@
-//! The content of a diagram.
+//! The content of a diagram of a graph, without positions.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use maquette_syntax::error::Source;
 /// The content of a diagram, without positions.
 #[derive(Clone, Debug, Default)]
 pub struct Drawing {
-    /// The description of the graph, which its author has written.
+    /// The description of the graph by its author.
     pub doc: String,
     /// The packs of the nodes, in the order in which the program registers them.
     pub packs: Vec<Pack>,
@@ -23,30 +23,30 @@ pub struct Drawing {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pack {
     pub name: String,
-    /// The index of the pack among all packs of the program. It determines the color, so a pack has one color in all diagrams.
+    /// The index of the pack among all packs of the program. It determines the pack's color, which is therefore the same in all diagrams.
     pub place: usize,
 }
 
-/// A box of the diagram: a node or an output file.
+/// A box of the diagram, which represents a node or an output file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Block {
     pub name: String,
-    /// The data of the node, or `None` for an output file.
+    /// The data of the node. `None` for an output file.
     pub node: Option<NodeBlock>,
     /// The names of the input ports that have a link.
     pub inputs: Vec<String>,
     pub outputs: Vec<Port>,
-    /// The file that contains the node, and the byte offset of the node in the file.
+    /// The file that contains the node, and the byte offset of the node in that file.
     pub(crate) at: Option<(Arc<Source>, usize)>,
     /// The fields of the node whose value is a `Draft`.
     pub(crate) drafts: Vec<DraftField>,
 }
 
-/// The data that a box has only if it is a node.
+/// The data that only a box of a node has.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NodeBlock {
     pub kind: String,
-    /// The index of the pack in the list of the drawing.
+    /// The index of the node's pack in `Drawing::packs`.
     pub pack: usize,
 }
 
@@ -54,11 +54,11 @@ pub struct NodeBlock {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Port {
     pub name: String,
-    /// The name of the value type.
+    /// The name of the output's value type.
     pub kind: String,
 }
 
-/// A link from an output of one box to an input of another box. Each end is given as [box index, port index].
+/// A link from an output of one box to an input of another. Each end is [box index, port index].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wire {
     pub from: [usize; 2],
@@ -113,7 +113,7 @@ impl Drawing {
             let (name, kind, outputs) = describe_box(graph, part);
             let node = Some(NodeBlock { kind, pack: pack.unwrap_or_default() });
             let at = Some(place(graph, part));
-            // An element of a `ForEach` over a list has the drafts of the `ForEach`.
+            // An element of a `ForEach` over a list, such as `copies/1`, has the drafts of the `ForEach`, `copies`.
             let drafts = drafts.get(name.split('/').next().unwrap_or_default());
             let drafts = drafts.cloned().unwrap_or_default();
             drawing.boxes.push(Block { name, node, inputs, outputs, at, drafts });
@@ -134,27 +134,27 @@ impl Drawing {
         drawing
     }
 
-    /// Returns true if an output, given as [box index, port index], has a link.
+    /// Returns true if an output has a link. `output` is [box index, port index].
     pub fn is_linked(&self, output: [usize; 2]) -> bool {
         self.wires.iter().any(|wire| wire.from == output)
     }
 }
 
-/// The maximum number of elements of a `ForEach` over data that are drawn as separate boxes.
+/// Maximum number of elements for which a `ForEach` over data is drawn with one box per element.
 pub(crate) const MAX_ELEMENTS: usize = 50;
 
-/// The name under which used graphs appear in the list of packs.
+/// The name in the list of packs for graphs that are used as nodes.
 pub(crate) const GRAPHS: &str = "graphs";
 
-/// The content of a box: a node, or the use of a graph with all its nodes.
+/// The content of a box: a node, or a used graph with all its nodes.
 pub enum BoxContent<'g> {
     Node(usize),
-    /// The use of a graph, and the index of its first node.
+    /// A node of the graph file that was replaced by several nodes, such as a used graph, and the index of the first of them.
     Use(&'g GraphUse, usize),
 }
 
-/// Returns the boxes of a graph: its nodes and its uses of other graphs. A use has the position of its first node. A `ForEach` over data is
-/// drawn as one box if the number of its elements is unknown or greater than [`MAX_ELEMENTS`].
+/// Returns the boxes of a graph: one for each node, and one for each used graph, at the position of its first node. A `ForEach` over data
+/// is drawn as one box if the number of its elements is unknown or greater than [`MAX_ELEMENTS`].
 pub(crate) fn boxes(graph: &Graph) -> Vec<BoxContent<'_>> {
     let mut uses: HashMap<&str, &GraphUse> = HashMap::new();
     for given in graph.uses().iter() {
@@ -182,8 +182,8 @@ pub(crate) fn boxes(graph: &Graph) -> Vec<BoxContent<'_>> {
     boxes
 }
 
-/// Returns the linked ports of a use, with the targets of their links. A `ForEach` over data contains a node that splits the data into
-/// elements. That node is drawn inside of the box, so the port is linked to the data itself.
+/// Returns the linked ports of a box with several nodes, and the targets of their links. For a `ForEach` over data, the node that splits
+/// the data into elements is inside of the box, so the port is linked to the data itself.
 pub(crate) fn linked_ports<'g>(
     graph: &'g Graph,
     given: &'g GraphUse,
@@ -203,18 +203,19 @@ pub(crate) fn linked_ports<'g>(
     links
 }
 
-/// Returns the number of elements of a `ForEach` over data, or `None` if it is not known before the evaluation.
+/// Returns the number of elements of a `ForEach` over data. `None` if it is unknown before the evaluation.
 pub(crate) fn elements(graph: &Graph, given: &GraphUse) -> Option<usize> {
     let found = graph.loops().iter().find(|it| it.name == given.name && !it.is_open)?;
     Some(graph.nodes()[found.node].outputs.len())
 }
 
-/// Returns true if the node splits the data of a `ForEach` into elements. All of its outputs are drawn as one.
+/// Returns true if the node splits the data of a `ForEach` into elements. Its outputs are drawn as a single output.
 pub(crate) fn is_apart(graph: &Graph, node: usize) -> bool {
     graph.nodes()[node].kind() == ELEMENTS
 }
 
-/// Maps each value, given as (node, output), to its box and to the index of the output in the box.
+/// Maps each value (node, output) to the output that represents it in the drawing: the index of a box, and the index of an output of the
+/// box.
 pub(crate) fn sources(
     graph: &Graph,
     boxes: &[BoxContent<'_>],
@@ -230,7 +231,8 @@ pub(crate) fn sources(
             }
             BoxContent::Use(given, _) => {
                 for (output, (_, targets)) in given.outputs.iter().enumerate() {
-                    // A use may return one of its inputs unchanged. A link to such a value is drawn from the box that computes it.
+                    // A used graph may return one of its inputs unchanged. A link to that output is drawn from the box that computes the
+                    // value.
                     for target in targets {
                         sources.entry(*target).or_insert([index, output]);
                     }
@@ -241,7 +243,7 @@ pub(crate) fn sources(
     sources
 }
 
-/// Returns the file that contains a box, and the byte offset in the file.
+/// Returns the file that contains the node of a box, and the byte offset of the node in that file.
 pub(crate) fn place(graph: &Graph, part: &BoxContent<'_>) -> (Arc<Source>, usize) {
     let (BoxContent::Node(index) | BoxContent::Use(_, index)) = part;
     let node = &graph.nodes()[*index];

@@ -1,4 +1,4 @@
-//! Exports a drawing as JSON, for viewers that draw it themselves.
+//! Exports a drawing as JSON, for programs that draw it themselves.
 
 use maquette_graph::DraftField;
 use maquette_syntax::error::{LineIndex, Position};
@@ -8,8 +8,8 @@ use super::svg::Picture;
 use super::{Block, Drawing};
 
 impl Drawing {
-    /// Returns the drawing as JSON: boxes with positions and ports, links as SVG paths, and packs with colors. Positions are in pixels from
-    /// the upper left corner.
+    /// Returns the drawing as JSON: boxes with positions and ports, links as SVG paths, and packs with colors. Positions are in px from the
+    /// upper left corner of the diagram.
     pub fn to_json(&self) -> Json {
         let picture = self.arrange();
         let columns = picture.columns();
@@ -40,7 +40,7 @@ impl Drawing {
     }
 }
 
-/// Returns the JSON of a box. Only a node has the field `node`; an output file does not.
+/// Returns a box as JSON. The field `node` is omitted for an output file.
 fn box_to_json(picture: &Picture<'_>, index: usize, block: &Block, place: [f64; 4]) -> Json {
     fn port_y(port: usize, place: [f64; 4], index: usize, picture_drawing: &Drawing) -> f64 {
         place[1] + picture_drawing.port_below(index, port)

@@ -1,14 +1,16 @@
 //! Layout of boxes and links in columns from left to right, with few crossings and straight links.
 //!
 //! Columns and order: Sugiyama, Tagawa and Toda, "Methods for visual understanding of hierarchical system structures" (1981). The column of
-//! a node is the length of the longest path to it. The order in a column follows the mean positions of the neighbors and is improved sweep
-//! by sweep. A link over several columns has a *slot* in each column that it crosses, so it never runs below a box; links of one output
-//! share their slots. Heights: each slot is placed as near to the heights of its neighbors as the order allows. This is an isotonic
-//! regression, solved exactly by pooling adjacent violators (Ayer, Brunk, Ewing, Reid and Silverman, "An empirical distribution function
-//! for sampling with incomplete information" (1955)), with the weights of Gansner, Koutsofios, North and Vo, "A technique for drawing
-//! directed graphs" (1993), section 4.
+//! a node is the length of the longest path to it. The order in a column follows the mean positions of the neighbors, and is improved by
+//! several sweeps over the columns. A link over several columns has a *slot* in each column that it crosses, so that it never runs below a
+//! box. Links of one output share their slots.
 //!
-//! Guarantees: the boxes and slots of a column do not overlap, and a graph always gets the same picture. The number of crossings is not
+//! Vertical positions: each slot is placed as near to the positions of its neighbors as the order allows. This is an isotonic regression,
+//! solved exactly by pooling adjacent violators (Ayer, Brunk, Ewing, Reid and Silverman, "An empirical distribution function for sampling
+//! with incomplete information" (1955)), with the weights of Gansner, Koutsofios, North and Vo, "A technique for drawing directed graphs"
+//! (1993), section 4.
+//!
+//! Guarantees: the boxes and slots of a column do not overlap, and the layout of a graph is deterministic. The number of crossings is not
 //! guaranteed to be minimal, because finding the minimum is NP-hard.
 
 use std::collections::BTreeMap;
@@ -17,52 +19,52 @@ use petgraph::Incoming;
 use petgraph::algo::toposort;
 use petgraph::graph::{DiGraph, NodeIndex};
 
-/// A box whose position is computed.
+/// A box for which the layout computes a position.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Node {
     pub(super) height: f64,
-    /// True if the box must be in the last column, as output files are.
+    /// True if the box must be in the last column, such as the box of an output file.
     pub(super) is_last: bool,
 }
 
-/// One end of a link: a port of a node.
+/// One end of a link: a port of a box.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LinkEnd {
     pub(super) node: usize,
     pub(super) port: usize,
-    /// The distance from the top of the node down to the port.
+    /// Distance from the top of the box down to the port.
     pub(super) below: f64,
 }
 
-/// A link between two nodes. In the list of nodes, the source is before the target.
+/// A link between two boxes. The source comes before the target in the list of boxes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Link {
     pub(super) from: LinkEnd,
     pub(super) to: LinkEnd,
 }
 
-/// A part of a column: a box, or a passage through which links cross the column.
+/// A vertical interval in a column: a box, or a passage through which links cross the column.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slot {
     pub(super) column: usize,
     pub(super) top: f64,
     height: f64,
-    /// The index of the node; `None` for a passage.
+    /// The index of the box. `None` for a passage.
     pub(super) node: Option<usize>,
 }
 
-/// A link between adjacent columns, or the part of a longer link between two adjacent columns.
+/// The part of a link between two adjacent columns.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Segment {
     pub(super) from: usize,
     from_below: f64,
     pub(super) to: usize,
     to_below: f64,
-    /// The source of the link as [node, port].
+    /// The source of the link as [box index, port index].
     pub(super) source: [usize; 2],
 }
 
-/// The computed positions. The first slots are those of the nodes, in the order of the nodes.
+/// The result of the layout. The first slots are those of the boxes, in the order of the boxes; passages follow.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Layout {
     pub(super) slots: Vec<Slot>,
@@ -71,17 +73,17 @@ pub(super) struct Layout {
     pub(super) height: f64,
 }
 
-/// The minimum space between two slots of a column.
+/// Minimum vertical distance between two slots of a column.
 const GAP: f64 = 18.0;
 
-/// The height of a passage, through which links cross a column.
+/// Height of a passage, through which links cross a column.
 const PASSAGE: f64 = 4.0;
 
-/// The number of sweeps over the columns that reorder slots, alternately in both directions. The order with the fewest crossings is used.
+/// Number of sweeps that reorder the slots, alternately from left to right and back. The order with the fewest crossings is used.
 const ORDER_SWEEPS: usize = 12;
 
-/// The number of sweeps over the columns that align slots, alternately in both directions. Each sweep propagates a position along a long
-/// link by one column.
+/// Number of sweeps that align the slots vertically, alternately from left to right and back. In each sweep, a position is propagated by
+/// one column along a long link.
 const ALIGN_SWEEPS: usize = 48;
 
 /// Computes the layout of `nodes`. Each node precedes the nodes that depend on it.
@@ -106,8 +108,8 @@ pub(super) fn layout(nodes: &[Node], links: &[Link]) -> Layout {
     layout
 }
 
-/// Returns the column of each node. A node is in a column after all its dependencies. A node without dependencies is in the column directly
-/// before the first node that uses it.
+/// Returns the column of each box. A box is in a column to the right of all its dependencies. A box without dependencies is in the column
+/// directly before the first box that uses it.
 fn columns(nodes: &[Node], links: &[Link]) -> Vec<usize> {
     let mut graph: DiGraph<(), ()> = DiGraph::with_capacity(nodes.len(), links.len());
     for _ in nodes {
@@ -118,7 +120,7 @@ fn columns(nodes: &[Node], links: &[Link]) -> Vec<usize> {
         graph.add_edge(from, to, ());
     }
     let mut columns = vec![0; nodes.len()];
-    // Sorting cannot fail, because the graph has no cycles.
+    // Sorting cannot fail, because the links of a graph form no cycles.
     let order = toposort(&graph, None).unwrap_or_else(|_| graph.node_indices().collect());
     for node in order {
         let before = graph.neighbors_directed(node, Incoming).map(|before| columns[before.index()]);
@@ -139,7 +141,7 @@ fn columns(nodes: &[Node], links: &[Link]) -> Vec<usize> {
 }
 
 impl Layout {
-    /// Routes each link through the columns between its ends. The links of one output share their passages.
+    /// Routes each link through the columns between its ends. Links of one output share their passages.
     fn route_links(&mut self, links: &[Link]) {
         let mut by_source: BTreeMap<[usize; 2], Vec<&Link>> = BTreeMap::new();
         for link in links {
@@ -172,7 +174,7 @@ impl Layout {
         });
     }
 
-    /// Returns the vertical positions of the start and end of a segment.
+    /// Returns the vertical positions at which a segment starts and ends.
     pub(super) fn ends(&self, segment: &Segment) -> [f64; 2] {
         [
             self.slots[segment.from].top + segment.from_below,
@@ -205,7 +207,8 @@ impl Layout {
         self.height = self.slots.iter().map(|slot| slot.top + slot.height).fold(0.0, f64::max);
     }
 
-    /// Moves the slots of a column as near as possible to the heights of their neighbors: those at the left, at the right, or both.
+    /// Moves the slots of a column as near as possible to the vertical positions of their neighbors: in the left column, the right column,
+    /// or both.
     fn move_column(&mut self, column: &[usize], order: &Order, [left, right]: [bool; 2]) {
         let mut wishes = Vec::with_capacity(column.len());
         let mut stacked = 0.0;
@@ -215,7 +218,7 @@ impl Layout {
             for &segment in before.chain(order.behind[slot].iter().filter(|_| right)) {
                 let segment = &self.segments[segment];
                 let ends = self.ends(segment);
-                // A segment between two passages gets the highest weight, so straight long links are preferred to straight short ones.
+                // A segment between two passages gets the highest weight, because straight long links are preferred to straight short ones.
                 let share = match [segment.from, segment.to]
                     .map(|slot: usize| self.slots[slot].node.is_none())
                 {
@@ -240,9 +243,9 @@ impl Layout {
     }
 }
 
-/// Returns the non-decreasing sequence that is nearest to `wishes`, pairs of (value, weight), in the least-squares sense.
+/// Returns the non-decreasing sequence that is nearest to the pairs (value, weight), in the weighted least-squares sense.
 fn monotone(wishes: &[(f64, f64)]) -> Vec<f64> {
-    // Runs of equal values, each as (mean, weight, number of values).
+    // Runs of equal values in the result, each as (mean, weight, number of values).
     let mut runs: Vec<(f64, f64, usize)> = Vec::new();
     for &(value, weight) in wishes {
         let mut run = (value, weight, 1);
@@ -261,9 +264,9 @@ fn monotone(wishes: &[(f64, f64)]) -> Vec<f64> {
 /// The order of the slots in each column, from top to bottom.
 struct Order {
     columns: Vec<Vec<usize>>,
-    /// The index of each slot in its column, from the top.
+    /// For each slot, its index in its column, from the top.
     places: Vec<usize>,
-    /// For each slot the segments that end at it (`before`) and those that begin at it (`behind`).
+    /// For each slot, the segments that end at it (`before`) and the segments that start at it (`behind`).
     before: Vec<Vec<usize>>,
     behind: Vec<Vec<usize>>,
 }
@@ -285,7 +288,7 @@ impl Order {
         Self { columns, places, before, behind }
     }
 
-    /// Reorders the columns by sweeps in both directions, and keeps the order with the fewest crossings.
+    /// Reorders the columns in several sweeps, and keeps the order with the fewest crossings.
     fn sweep(&mut self, layout: &Layout) {
         let mut best = (usize::MAX, self.columns.clone());
         for sweep in 0..ORDER_SWEEPS {
@@ -313,14 +316,14 @@ impl Order {
         }
     }
 
-    /// Returns the vertical position where a segment meets a slot, as a fractional index in the column. `below` is the distance from the
-    /// top of the slot.
+    /// Returns the position of a segment's end as a fractional index in the column. `below` is the distance from the top of the slot to
+    /// that end.
     fn crossing_position(&self, slot: usize, below: f64, layout: &Layout) -> f64 {
         self.places[slot] as f64 + below / (layout.slots[slot].height + 1.0)
     }
 
-    /// Orders a column by the mean positions of the neighbors at the left, or at the right if `left` is false. Slots without neighbors on
-    /// that side keep their positions.
+    /// Sorts a column by the mean positions of the neighbors in the left column, or in the right column if `left` is false. Slots without
+    /// such neighbors keep their positions.
     fn sort(&mut self, column: usize, layout: &Layout, left: bool) {
         let mean = |slot: usize| {
             let segments = if left { &self.before[slot] } else { &self.behind[slot] };
@@ -348,7 +351,7 @@ impl Order {
         }
     }
 
-    /// Returns the number of times that segments cross each other.
+    /// Returns the number of pairs of segments that cross each other.
     fn crossings(&self, layout: &Layout) -> usize {
         let mut gaps = vec![Vec::new(); self.columns.len()];
         for segment in &layout.segments {
@@ -360,11 +363,10 @@ impl Order {
     }
 }
 
-/// Counts the inversions among pairs of numbers. Two pairs form an inversion if their first numbers are in the opposite order to their
-/// second numbers.
+/// Counts the inversions among pairs of numbers: two pairs whose first numbers are in the opposite order to their second numbers.
 fn inversions(mut pairs: Vec<(f64, f64)>) -> usize {
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    // The second numbers of the pairs that have been visited, sorted.
+    // The second numbers of the pairs visited so far, in ascending order.
     let mut seen: Vec<f64> = Vec::with_capacity(pairs.len());
     let mut count = 0;
     for (_, second) in pairs {
@@ -390,7 +392,7 @@ mod tests {
         vec![Node { height: 40.0, is_last: false }; count]
     }
 
-    /// Returns a pseudorandom graph for testing; `links_each` is the number of links per node.
+    /// Returns a pseudorandom graph with `count` nodes and `links_each` links per node.
     fn random(count: usize, links_each: u64) -> (Vec<Node>, Vec<Link>) {
         let mut state = 7u64;
         fn next(below: u64, state: &mut u64) -> u64 {
@@ -449,7 +451,7 @@ mod tests {
         let mut nodes = nodes(5);
         nodes[4].is_last = true;
         let links = [link(0, 1), link(1, 2), link(3, 2), link(0, 4)];
-        // The output file is in the last column, although the longest path to it is short.
+        // The output file is in the last column, although the longest path to it has only one link.
         assert_eq!(columns(&nodes, &links), [0, 1, 2, 1, 3]);
     }
 

@@ -3,7 +3,7 @@
 //! A [`Drawing`] is the content of a diagram without positions. `layout` computes the positions; [`to_svg`], DOT and JSON export the
 //! drawing. An [`Outline`] lists the parts of a graph's text for editors, even if the text is invalid.
 //!
-//! Read `drawing.rs` first, then `layout.rs`. This crate does not evaluate graphs.
+//! Start reading in `drawing.rs`, then `layout.rs`. This crate does not evaluate graphs.
 
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 

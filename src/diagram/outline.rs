@@ -1,6 +1,6 @@
-//! The parts of a graph's text, for programs that show and edit graphs as nodes.
+//! The parts of a graph's text, for programs that display and edit a graph as a diagram of nodes.
 //!
-//! Invalid parts are included, too, such as links without a target and nodes of unknown types.
+//! Invalid parts, such as links without a target and nodes of unknown types, are included.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -20,35 +20,35 @@ use maquette_syntax::{Body, Kind, SourceMap, Token, Tree, tokens};
 use serde::Serialize;
 use serde_json::Value as Json;
 
-/// The parts of a graph's text. The parts of each section are in the order of the text.
+/// The parts of a graph's text. The entries of each section are in the order of the text.
 #[derive(Debug, Serialize)]
 pub struct Outline {
     pub(crate) doc: String,
-    /// The graphs that the graph uses, each described as a node type.
+    /// The graphs that the graph uses as nodes, each described as a node type.
     pub(crate) types: Vec<Json>,
     pub(crate) inputs: Vec<Entry>,
     pub(crate) params: Vec<Entry>,
     pub(crate) nodes: Vec<Node>,
     pub(crate) outputs: Vec<OutputEntry>,
-    /// The indices of the nodes, sorted so that each node is after its dependencies. The nodes of a cycle come in any order.
+    /// The indices of the nodes in topological order: each node comes after its dependencies. The nodes of a cycle are in any order.
     #[serde(skip)]
     pub(crate) order: Vec<usize>,
 }
 
-/// An entry of a section: a name and a value.
+/// An entry of a section of the graph file: a name and a value.
 #[derive(Debug, Serialize)]
 pub(crate) struct Entry {
     pub(crate) name: String,
-    /// The name of the call that is the value, such as the node type; empty if the value is not a call.
+    /// The name of the call that is the value, such as a node type. Empty if the value is not a call.
     #[serde(rename = "type")]
     pub(crate) kind: String,
-    /// The text of the value as written in the file.
+    /// The text of the value, as the file contains it.
     pub(crate) text: String,
     /// True if the value contains a `Draft(..)`.
     pub(crate) draft: bool,
-    /// The comment in the lines before the entry; empty if there is none.
+    /// The comment lines directly before the entry. Empty if there are none.
     pub(crate) comment: String,
-    /// The index of the entry's paragraph, from 0. Paragraphs are separated by blank lines.
+    /// The index, from 0, of the entry's paragraph in its section. Blank lines separate paragraphs.
     pub(crate) paragraph: usize,
     /// The line and column at which the name begins, counted from 1.
     pub(crate) line: usize,
@@ -60,9 +60,9 @@ pub(crate) struct Entry {
 pub struct Node {
     #[serde(flatten)]
     pub(crate) entry: Entry,
-    /// The fields that are written in the text, each as name and text of the value.
+    /// The fields in the text of the node, as pairs of a name and the text of the value.
     pub(crate) fields: Vec<(String, String)>,
-    /// The names of the ports of the node type; empty if the type is not known.
+    /// The names of the ports of the node type. Empty if the type is unknown.
     pub(crate) ports: Vec<String>,
     pub(crate) links: Vec<Link>,
     pub(crate) outputs: Vec<Output>,
@@ -71,7 +71,7 @@ pub struct Node {
 /// A link of a node.
 #[derive(Debug, Serialize)]
 pub(crate) struct Link {
-    /// The path to the port through the fields of the node, in the form that edits use: `mask`, `images.2`.
+    /// The path through the node's fields to the port, in the form that edits use: `mask` or `images.2`.
     pub(crate) port: String,
     #[serde(flatten)]
     pub(crate) target: Target,
@@ -80,20 +80,20 @@ pub(crate) struct Link {
 /// The target of a link.
 #[derive(Debug, Serialize)]
 pub struct Target {
-    /// The text of the link as written: `scan.color`.
+    /// The text of the link, such as `scan.color`.
     pub(crate) to: String,
-    /// The node or input that the link names. For an element of a `ForEach`, the `ForEach`.
+    /// The name of the node or input to which the link leads. For an element of a `ForEach`, the name of the `ForEach`.
     pub(crate) node: String,
-    /// The output that the link names, or the first output if it names none. Empty if the node has a single output without a name.
+    /// The name of the output to which the link leads. If the link names no output, the node's first output; empty if that has no name.
     pub(crate) output: String,
 }
 
 /// An output of a node of the outline.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Output {
-    /// The name of the output; empty for an input and for a `Switch`.
+    /// The name of the output. Empty for an input and for a `Switch`, whose only output has no name.
     pub(crate) name: String,
-    /// The name of the value type, if it is known.
+    /// The name of the value type. `None` if it is unknown.
     #[serde(rename = "type")]
     pub(crate) kind: Option<&'static str>,
 }
@@ -103,12 +103,12 @@ pub(crate) struct Output {
 pub(crate) struct OutputEntry {
     #[serde(flatten)]
     pub(crate) entry: Entry,
-    /// The target of the output; `None` if the value is not a link.
+    /// The target of the output's link. `None` if the value of the output is not a link.
     pub(crate) link: Option<Target>,
 }
 
-/// Returns the facts about the graph file at `path` with this text, and the parts of the text. For a patch, returns the parts of the
-/// patched graph. If the text cannot be parsed, there are no parts.
+/// Checks a text as the content of the graph file at `path`. Returns the result of the check, and the parts of the text. For a patch,
+/// returns the parts of the patched graph. `None` instead of the parts if the text cannot be parsed.
 pub fn outline(
     path: &Path,
     text: String,
@@ -124,7 +124,7 @@ pub fn outline(
     (finish_check(world, whole.map(Arc::new)), outline)
 }
 
-/// Reads the parts of a text.
+/// Collects the parts of a graph's text.
 struct Outliner<'w> {
     whole: &'w ParsedFile,
     sheet: &'w SourceMap,
@@ -160,7 +160,7 @@ impl<'w> Outliner<'w> {
         outline
     }
 
-    /// Returns the indices of the nodes, sorted so that each node is after its dependencies.
+    /// Returns the indices of the nodes in topological order: each node comes after its dependencies.
     fn order(&self, nodes: &[Node]) -> Vec<usize> {
         let definition = &self.whole.definition;
         let ranks = definition.order.iter().enumerate();
@@ -180,7 +180,7 @@ impl<'w> Outliner<'w> {
         self.text()[span.start..span.end].to_owned()
     }
 
-    /// Returns the entries of a section.
+    /// Returns the entries of a section of the graph file.
     fn section(&self, section: &str) -> Vec<Entry> {
         let fields = self.whole.definition.tree.fields().unwrap_or_default().iter();
         let maps = fields.filter(|field| field.name.text == section).map(|field| &field.value);
@@ -228,9 +228,9 @@ impl<'w> Outliner<'w> {
         }
     }
 
-    /// Collects the links in the value `tree`, a part of a node. `way` is the path from the node to the value.
+    /// Collects the links in the value `tree`, which is part of a node. `way` is the path from the node to the value.
     fn links(&self, tree: &Tree, way: &mut Vec<String>, found: &mut Vec<Link>) {
-        // The parts of the value, each with the path segment that leads to it (`None` if the path does not change).
+        // The parts of the value, each with its step of the path. `None` if the part has the same path as the value.
         let mut parts: Vec<(Option<String>, &Tree)> = Vec::new();
         match &tree.kind {
             Kind::Text(text) if self.references.is_link(tree.span) => {
@@ -273,7 +273,7 @@ impl<'w> Outliner<'w> {
         Target { to: text.to_owned(), node, output: output.unwrap_or_default() }
     }
 
-    /// Returns the parsed nodes with this name. A `ForEach` may consist of several parsed nodes.
+    /// Returns the parsed nodes that belong to the entry of this name. A `ForEach` may have several.
     fn drafts(&self, name: &str) -> impl Iterator<Item = &'w ParsedNode> {
         let drafts = self.whole.definition.parsed_nodes.iter();
         drafts.filter(move |draft| node_of_link(&draft.name.text) == name)
@@ -295,7 +295,7 @@ impl<'w> Outliner<'w> {
                 let kind = types().next().flatten();
                 vec![Output { name: String::new(), kind }]
             }
-            // The outputs of a node of an unknown type are those that links name.
+            // If the type of a node is unknown, its outputs are those to which links refer.
             NodeKind::Unknown(_) => {
                 let named = self.references.links().filter(|text| node_of_link(text) == name);
                 let named = named.map(|text| text.split_once('.').map_or("", |(_, output)| output));
@@ -322,7 +322,7 @@ struct Gap {
 }
 
 impl Gap {
-    /// Parses the text between two entries. A comment on the same line as the previous entry belongs to that entry.
+    /// Reads the comments between two entries. A comment on the same line as the previous entry belongs to that entry and is skipped.
     fn parse(text: &str) -> Self {
         let (mut lines, mut comment, mut has_blank_line) = (0, Vec::new(), false);
         for (token, span) in tokens(text) {

@@ -1,4 +1,4 @@
-//! Positions for the boxes of an outline, for programs that draw each box as rows, one for each port or field.
+//! Positions for the boxes of an outline, for programs that draw each box as a stack of rows, one row per port or field.
 
 use std::collections::HashMap;
 
@@ -7,10 +7,10 @@ use serde::Serialize;
 use super::layout::{Layout, Link, LinkEnd, Node, layout};
 use super::{Outline, OutlineNode, Target};
 
-/// Proposed positions of boxes. Each is the column, counted from the left, and the distance from the top in rows.
+/// Proposed positions of boxes. Each position is the index of the column, from the left, and the distance from the top in rows.
 ///
-/// A box has a title that is one and a half rows high, and a row for each output, port and other field. All inputs of the graph form one
-/// box, and all outputs of the graph form another one.
+/// A box has a title of one and a half rows, and one row for each output, port and other field. All inputs of the graph form one box, and
+/// all outputs form another.
 #[derive(Debug, Default, Serialize)]
 pub struct RowPositions {
     pub(crate) inputs: (usize, f64),
@@ -19,13 +19,13 @@ pub struct RowPositions {
     pub(crate) outputs: (usize, f64),
 }
 
-/// The height of a row in the units of `layout`.
+/// Height of a row, in the units of the module `layout`.
 const ROW: f64 = 22.0;
 
-/// The height of a box's title, in rows.
+/// Height of the title of a box, in rows.
 const TITLE: f64 = 1.5;
 
-/// A row of a box as (index of the box, index of the row).
+/// A row of a box: the index of the box, and the index of the row in the box.
 type Row = (usize, usize);
 
 impl RowPositions {
@@ -63,7 +63,7 @@ impl RowPositions {
             let from = given.link.as_ref().and_then(source);
             links.extend(from.map(|from| [from, (last, row)]));
         }
-        // A cycle is an error in the graph. It is drawn without the links that lead backwards.
+        // A cycle of links is an error in the graph. Draw it without the links that lead backwards.
         links.retain(|[(from, _), (to, _)]| from < to);
         let links = links.iter().map(|&[from, to]| Link { from: end(from), to: end(to) });
         let layout = layout(&boxes, &Vec::from_iter(links));

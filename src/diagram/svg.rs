@@ -1,31 +1,31 @@
 //! Exports a drawing as a self-contained SVG without scripts.
 //!
-//! Boxes have a background and links have a medium lightness, so the diagram is readable on a white and on a black page.
+//! Boxes have a background, and links have a medium lightness, so the diagram is readable on white and on black pages.
 
 use std::fmt::Write;
 
 use super::layout::{Layout, Link, LinkEnd, Node, layout};
 use super::{Block, Drawing};
 
-/// The assumed width of a character relative to the font size. In all fonts of the diagram it is 0.602 or less.
+/// Assumed width of a character as a multiple of the font size. The actual width is at most 0.602 in all fonts of the diagram.
 const ADVANCE: f64 = 0.61;
 const NAME: f64 = 13.0;
 const SMALL: f64 = 10.5;
 
 const FONTS: &str = "ui-monospace, 'DejaVu Sans Mono', Menlo, Consolas, monospace";
 
-/// `HEADER` is the distance from the top of a node to its first port, `ROW` the distance between two ports.
+/// In px: `HEADER` is the distance from the top of a node to its first port, and `ROW` is the distance between two ports.
 const HEADER: f64 = 38.0;
 const ROW: f64 = 18.0;
 const PADDING: f64 = 10.0;
 const FILE_HEIGHT: f64 = 28.0;
 const LEGEND: f64 = 34.0;
 
-/// `GUTTER` is the space between columns, `MARGIN` the space around the picture.
+/// In px: `GUTTER` is the space between two columns, and `MARGIN` is the space around the diagram.
 const GUTTER: f64 = 64.0;
 const MARGIN: f64 = 16.0;
 
-/// The colors of packs. They are dark enough for white text on them, and light enough for lines on black.
+/// The colors of packs: dark enough to be readable under white text, and light enough to be visible as lines on black.
 const COLORS: [&str; 10] = [
     "#2f6fb0", "#2b7f62", "#9a5b1e", "#7a55b3", "#b04a5a", "#3d7680", "#71752a", "#a04a97",
     "#5566b5", "#8a6150",
@@ -36,11 +36,11 @@ pub(super) fn color(place: usize) -> &'static str {
     COLORS[place % COLORS.len()]
 }
 
-/// The dimensions of a box.
+/// The dimensions of a box, in px.
 struct BoxSize {
     width: f64,
     height: f64,
-    /// The width of the longest type label of the outputs that have a link.
+    /// The width of the longest type label at a linked output of the box.
     label: f64,
 }
 
@@ -100,7 +100,7 @@ impl Drawing {
         }
     }
 
-    /// Returns the distance from the top of a box down to a port.
+    /// Returns the distance from the top of a box down to a port, in px.
     pub(super) fn port_below(&self, node: usize, port: usize) -> f64 {
         match self.boxes[node].node {
             Some(_) => HEADER + ROW * (port as f64 + 0.5),
@@ -109,7 +109,7 @@ impl Drawing {
     }
 }
 
-/// Estimates the width of a text in this font size. Characters from U+1100 on (after Latin, Greek, Cyrillic and others) count as square.
+/// Estimates the width of a text in px. Characters from U+1100 on, which come after Latin, Greek, Cyrillic and others, count as square.
 fn text_width(text: &str, size: f64) -> f64 {
     text.chars().map(|letter: char| if letter < '\u{1100}' { ADVANCE } else { 1.05 }).sum::<f64>()
         * size
@@ -155,7 +155,7 @@ impl Picture<'_> {
         svg + "</svg>\n"
     }
 
-    /// Returns the left and right end of each column. A column includes the type labels of the links that begin in it.
+    /// Returns the left and right end of each column, in px. A column includes the type labels of the links that start in it.
     pub(super) fn columns(&self) -> Vec<[f64; 2]> {
         let mut widths = vec![0f64; self.layout.columns];
         for (slot, measure) in self.layout.slots.iter().zip(&self.measures) {
@@ -172,8 +172,8 @@ impl Picture<'_> {
             .collect()
     }
 
-    /// Returns the links, each with the index of its source box and an SVG path. The path is a curve between columns. It is a straight line
-    /// through a passage, and from a narrow box to the right end of its column.
+    /// Returns the links, each as the index of its source box and an SVG path. The path is curved between columns, and straight in passages
+    /// and from the right side of a narrow box to the right end of its column.
     pub(super) fn paths(&self, columns: &[[f64; 2]]) -> impl Iterator<Item = (usize, String)> {
         self.layout.segments.iter().map(|segment| {
             let [from, to] = [segment.from, segment.to].map(|slot| &self.layout.slots[slot]);
@@ -200,13 +200,13 @@ impl Picture<'_> {
         }
     }
 
-    /// Returns the position and size of a box as [left, top, width, height].
+    /// Returns the position and size of a box in px, as [left, top, width, height].
     pub(super) fn place(&self, index: usize, columns: &[[f64; 2]]) -> [f64; 4] {
         let (slot, measure) = (&self.layout.slots[index], &self.measures[index]);
         [columns[slot.column][0], slot.top + MARGIN, measure.width, measure.height]
     }
 
-    /// Returns the width and height of the diagram.
+    /// Returns the width and height of the diagram in px.
     pub(super) fn size(&self, columns: &[[f64; 2]]) -> [f64; 2] {
         let right = columns.last().map_or(0.0, |[_, right]| *right);
         [right + MARGIN, self.layout.height + 2.0 * MARGIN]
@@ -298,7 +298,7 @@ fn text(text: &str, style: &Style<'_>, svg: &mut String) {
     );
 }
 
-/// Escapes a text for XML. Control characters, which XML does not allow, become spaces.
+/// Escapes a text for XML. Replaces control characters, which XML does not allow, by spaces.
 fn escape_xml(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for letter in text.chars() {
@@ -320,7 +320,7 @@ mod tests {
     use crate::Drawing;
     use crate::drawing::tests::scan;
 
-    /// Returns the values of a numeric attribute in all elements of an SVG.
+    /// Returns the values of a numeric attribute from all elements of an SVG that have it.
     fn numbers(svg: &str, attribute: &str) -> Vec<f64> {
         let name = format!(" {attribute}=\"");
         let parts = svg.split(&name).skip(1);

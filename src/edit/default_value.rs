@@ -1,4 +1,4 @@
-//! Draft values of omitted fields. Such a field becomes a `Draft` whose value for final results is the default.
+//! Setting the draft value of an omitted field. The field becomes a `Draft`, whose value for final results is the field's default.
 
 use maquette_graph::canonical::node_of_link;
 use maquette_graph::definition::NodeKind;
@@ -14,8 +14,8 @@ use serde_json::Value as Json;
 use super::Editor;
 
 impl Editor<'_> {
-    /// Returns the value in the form in which it is put into a graph, or into a patch of the graph. In a draft, an omitted field becomes a
-    /// `Draft` whose value for final results is the default.
+    /// Returns the value to be written into a graph, or into a patch of the graph. For a draft, an omitted field becomes a `Draft` whose
+    /// value for final results is the field's default.
     ///
     /// # Errors
     /// The field has no default, or the default cannot be written.
@@ -43,7 +43,7 @@ impl Editor<'_> {
         }
     }
 
-    /// Returns, as text, the default that a field of a node has for final results.
+    /// Returns the default of a node's field for final results, as text. `None` if there is no default that can be written into this file.
     fn default_of_field(&self, text: &str, target: &str) -> Option<String> {
         let options = Options { files: Files::Ignored, draft: false, ..self.options.clone() };
         let (_, whole) = check_file(self.path, text.to_owned(), self.catalog, &options);
@@ -65,7 +65,7 @@ impl Editor<'_> {
             (false, way) => (call, way),
             (true, ["with", way @ ..]) => (&field(call, "with")?.value, way),
             (true, ["over", number, way @ ..]) => {
-                // The fields under `with` apply to all elements, and therefore to the one that the target names.
+                // The fields in `with` apply to all elements of the `ForEach`, including the element of the target.
                 let with = field(call, "with").and_then(|with| field(&with.value, name));
                 if let Some(with) = with.filter(|with| way.is_empty() && !is_draft(&with.value)) {
                     return Some(text[with.value.span.start..with.value.span.end].to_owned());
@@ -81,7 +81,7 @@ impl Editor<'_> {
         let schema = owner["properties"].get(name)?;
         let mut required = owner["required"].as_array().into_iter().flatten();
         let kind = resolve_field(schema, root);
-        // A port takes only links. A text in another file may be a relative path, which would lead to another file from here.
+        // A port takes only links. A default in a used graph may be a path relative to that graph's folder, which is invalid in this file.
         let is_foreign = matches!(what, NodeKind::Use(..)) && kind["type"] == "string";
         if required.any(|it| it == name)
             || kind.get("port").is_some()
@@ -93,7 +93,7 @@ impl Editor<'_> {
     }
 }
 
-/// Returns the schema of the part to which a path leads, in a value with this schema.
+/// Returns the schema of the part of a value to which the path `way` leads. `schema` is that of the whole value.
 fn schema_at(tree: &Tree, schema: &Json, root: &Json, way: &[&str]) -> Option<Json> {
     let schema = resolve_field(schema, root);
     let tree = tree.call_of("Some").unwrap_or(tree);

@@ -1,4 +1,4 @@
-//! Edits of the text of a graph, and checks of the edited texts.
+//! Edits the text of a graph, and checks the edited text.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -22,11 +22,11 @@ use super::structure::Structure;
 
 /// One edit of a graph.
 ///
-/// New parts are written in the canonical form. They are on lines of their own or after their neighbors, in the layout that the neighbors
-/// have. Removing a part also removes the comments inside of it and those that follow it on its line. Comments above the part are kept.
+/// New parts are written in the canonical form, on lines of their own or after their neighbors, depending on the layout of the neighbors.
+/// Removing a part also removes the comments inside of it and those that follow it on its line. Comments above the part are kept.
 ///
-/// The name of a node, an input or a parameter may be prefixed with its section: `nodes.nose` or `params.nose`. The prefix is required if
-/// the name occurs in both sections.
+/// The name of a node, an input or a parameter may begin with its section: `nodes.nose` or `params.nose`. This is required if the name
+/// occurs both as a parameter and as a node or input.
 ///
 /// The JSON form is an object of one entry: `{"add": {"name": "spots", "node": "Threshold", "fields": [["image", "scan.color"]]}}`.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
@@ -38,10 +38,11 @@ pub enum Edit {
         name: String,
         /// The type of the new node: a node type of the catalog, a graph under `use`, `ForEach` or `Switch`.
         node: String,
-        /// The fields of the new node in order, as names and values in RON. A value that is not RON is a text. Links need no quotes.
+        /// Names and values of the new node's fields, in order. A value is RON; if it is invalid as RON, it is a text. Links need no
+        /// quotes.
         #[serde(default)]
         fields: Vec<(String, String)>,
-        /// The node after which the new node is inserted. By default the last node.
+        /// The node after which the new node is inserted. `None` for the last node.
         #[serde(default)]
         after: Option<String>,
     },
@@ -49,13 +50,13 @@ pub enum Edit {
     Remove {
         /// The name of the part to be removed.
         name: String,
-        /// If true, references to the removed part are removed too: links at optional ports, entries in lists of links, outputs and
-        /// expectations. Otherwise the edit fails if the part is referred to.
+        /// True to also remove references to the removed part: links at optional ports, entries in lists of links, outputs and
+        /// expectations. If false, the edit fails if there are references.
         #[serde(default)]
         and_links: bool,
     },
-    /// Renames a node, an input or a parameter, and all references to it in the same file. References in other files are not updated; such
-    /// files are patches of the graph and graphs that use it.
+    /// Renames a node, an input or a parameter, and all references to it in the same file. References in other files, such as patches of
+    /// the graph and graphs that use it, are not updated.
     Rename {
         /// The old name.
         from: String,
@@ -64,36 +65,36 @@ pub enum Edit {
     },
     /// Links a port. If the port has a link, the new link replaces it.
     Link {
-        /// The port, `node.port`. A port that takes a list gets one more link. `node.port.2` is the third link of the list. The ports of a
-        /// `ForEach` are those of its nodes, and the ports of a `Switch` are its cases.
+        /// The port, `node.port`. If the port takes a list, the link is appended to the list. `node.port.2` is the third link of a list.
+        /// For a `ForEach`, the ports are those of the repeated node type; for a `Switch`, they are its cases.
         port: String,
         /// The source of the link, `node` or `node.output`.
         to: String,
     },
-    /// Removes the link at a port. At a port that takes a list, all links are removed.
+    /// Removes the link at a port. If the port takes a list, removes all its links.
     Unlink {
         /// The port, `node.port`. `node.port.2` is the third link of a list.
         port: String,
     },
-    /// Replaces a literal value. If the field is missing, it is added in the style of its neighbors.
+    /// Replaces a literal value. A missing field is added in the style of its neighbors.
     Set {
-        /// The place of the value: `name` for the default of a parameter, or `node.field.field`.
+        /// The target of the value: `name` for the default of a parameter, or `node.field.field` for a field of a node.
         target: String,
-        /// The new value in RON. A value that is not RON is a text.
+        /// The new value in RON. If it is invalid as RON, it is a text.
         value: String,
     },
     /// Adds, changes or removes an output.
     Output {
-        /// The name of the output: a file, or a port if other graphs use this graph.
+        /// The name of the output: the path of a file, or a port to which other graphs can link.
         name: String,
-        /// The link of the output, `node` or `node.output`. If it is `None`, the output is removed.
+        /// The source of the output, `node` or `node.output`. `None` to remove the output.
         #[serde(default)]
         to: Option<String>,
     },
 }
 
 impl Edit {
-    /// Returns the values that the edit contains. Each may be RON or text.
+    /// Returns the values in the edit, as the user wrote them: as RON, or as texts without quotes.
     fn values(&self) -> Vec<&str> {
         match self {
             Self::Add { fields, .. } => fields.iter().map(|(_, value)| &value[..]).collect(),
@@ -108,16 +109,16 @@ impl Edit {
 pub struct EditedText {
     /// The text after the edits.
     pub text: String,
-    /// The text before the edits, which undoes all of them.
+    /// The text before the edits, for undoing all of them.
     pub before: String,
-    /// The changes that [`Edit::Set`] has made, in order.
+    /// The values that [`Edit::Set`] has written, in order.
     pub changes: Vec<ValueChange>,
 }
 
 /// A value that was written into a graph file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ValueChange {
-    /// The target: `name` or `node.field`. Former names are replaced by the present ones.
+    /// The target: `name` or `node.field`. Outdated names have been replaced by current ones.
     pub target: String,
     /// The previous value. `None` if the target had no value.
     pub before: Option<String>,
@@ -127,14 +128,13 @@ pub struct ValueChange {
 
 /// Applies edits to the text of the graph file at `path`, one after the other.
 ///
-/// All parts that the edits do not mention keep every byte. The final text is checked as [`Graph::load`](maquette_graph::Graph::load)
-/// checks it, except that files that the graph reads may be missing. The text must be valid after the last edit, but not after each single
-/// edit.
+/// Parts that the edits do not mention are kept byte by byte. The final text is checked as by [`Graph::load`](maquette_graph::Graph::load),
+/// except that files read by the graph may be missing. Only the final text must be valid, not the text after each edit.
 ///
 /// # Errors
-/// The text cannot be parsed, an edit refers to a missing part or removes a required part, or the new text has errors that the old text
-/// does not have. In these cases nothing is edited. Positions are those in the text before the failing edit, or those in the new text. Each
-/// diagnostic contains the text to which its position refers.
+/// The text cannot be parsed, an edit refers to a missing part or removes a required part, or the new text has errors that the old text did
+/// not have. In these cases nothing is edited. Positions refer to the text before the failing edit or to the new text; each diagnostic
+/// contains the text to which its position refers.
 pub fn edit(
     path: &Path,
     text: &str,
@@ -146,7 +146,7 @@ pub fn edit(
     if !errors.is_empty() {
         return Err(syntax_diagnostics(path, text, errors));
     }
-    // If names occurred twice, an edit would be ambiguous.
+    // If a name occurs twice, an edit of that name is ambiguous.
     let twice = patch::duplicates(&tree);
     if !twice.is_empty() {
         let source = Arc::new(Source { name: path.to_owned(), text: text.to_owned() });
@@ -159,7 +159,7 @@ pub fn edit(
     if matches!(with_trailing_commas(text), Cow::Borrowed(_)) {
         return editor.edit(text, edits);
     }
-    // Commas need not be moved to replace names and values.
+    // Renaming and replacing values does not require moving leading commas, unless the number of commas changes.
     if edits.iter().all(|edit| matches!(edit, Edit::Rename { .. } | Edit::Set { .. }))
         && let Ok(edited) = editor.edit(text, edits)
         && comma_count(&edited.text) == comma_count(text)
@@ -174,8 +174,8 @@ fn comma_count(text: &str) -> usize {
 }
 
 impl EditedText {
-    /// Runs an edit on a text whose leading commas are moved to the ends of the previous values. Afterwards the commas are moved back to
-    /// the beginnings of lines.
+    /// Runs an edit on a text in which leading commas have been moved to the ends of the previous lines. Then moves the commas back to the
+    /// beginnings of lines.
     pub(super) fn with_commas_behind(
         text: &str,
         edit: impl FnOnce(&str) -> Result<Self, Vec<Diagnostic>>,
@@ -190,7 +190,7 @@ impl EditedText {
     }
 }
 
-/// Writes values into the text of the graph file at `path`. Each is a pair of a target, `name` or `node.field.field`, and a value in RON.
+/// Writes values into the text of the graph file at `path`. Each item is a target, `name` or `node.field.field`, and a value in RON.
 ///
 /// # Errors
 /// The errors of [`edit()`] with [`Edit::Set`].
@@ -212,7 +212,8 @@ pub fn set_values(
     )
 }
 
-/// Renames a node, an input or a parameter in a text, without checking the result. Returns `None` if the text does not have that name.
+/// Renames a node, an input or a parameter in a text, without checking the result. Returns `None` if the text does not contain the old
+/// name.
 pub(super) fn rename_in(
     path: &Path,
     text: &str,
@@ -226,7 +227,7 @@ pub(super) fn rename_in(
     Some(editor.apply_unchecked(text, &[edit], std::iter::empty()).ok()?.text)
 }
 
-/// Edits the text of one file, and checks the edited text.
+/// Edits the text of one graph file, and checks the edited text.
 pub(super) struct Editor<'a> {
     pub(super) path: &'a Path,
     pub(super) catalog: &'a Catalog,
@@ -240,7 +241,7 @@ impl Editor<'_> {
         for edit in edits {
             for value in edit.values() {
                 let spellings = spellings(value);
-                // A bare word that replaces a text is itself a text.
+                // If the old value is a text in quotes, try a bare word as a text first.
                 let is_text = match edit {
                     Edit::Set { target, .. } => {
                         let draft = self.options.draft;
@@ -271,7 +272,7 @@ impl Editor<'_> {
             }
             chosen[index] = 1 - chosen[index];
             let (other, others) = attempt(&chosen)?;
-            // The reading as RON, in place of a text, is accepted only if it causes no errors.
+            // A change from text to RON is accepted only if it removes all errors.
             if others.is_empty() || (chosen[index] == 1 && others.len() < diagnostics.len()) {
                 (best, diagnostics) = (other, others);
             } else {
@@ -281,7 +282,7 @@ impl Editor<'_> {
         if diagnostics.is_empty() { Ok(best) } else { Err(diagnostics) }
     }
 
-    /// Applies the edits with their values in the given spellings, without checking the result.
+    /// Applies the edits, with the given spellings of their values, and does not check the result.
     pub(super) fn apply_unchecked<'s>(
         &self,
         text: &str,
@@ -315,7 +316,7 @@ impl Editor<'_> {
                     let message = format!("{target}={given}: {}", error.message);
                     vec![self.diagnostic(&text, EditError { message, ..error })]
                 })?;
-                // A plain value may have become a `Draft`.
+                // For a draft, the edit may have replaced a plain value by a `Draft`.
                 let draft = before.as_ref().filter(|_| self.options.draft);
                 let draft = draft.map(|before| format!("Draft(final: {before}, draft: {value})"));
                 let after = draft
@@ -337,15 +338,15 @@ impl Editor<'_> {
         Ok(edited)
     }
 
-    /// Returns the errors of a text. Missing files do not count as errors.
+    /// Returns the errors of a text. Missing files are not errors here.
     fn errors(&self, text: &str) -> Vec<Diagnostic> {
         self.check(text, self.options.draft).diagnostics
     }
 
-    /// Checks a text, for drafts or for final results, and returns only the errors. Files may be missing.
+    /// Checks a text for drafts or for final results. Only errors are returned, and files may be missing.
     pub(super) fn check(&self, text: &str, draft: bool) -> CheckedGraph {
         let mut checked = self.check_with(Files::Inside, text, draft);
-        // The check stops at a file outside of the project. To find the errors of values, the text is then checked again without files.
+        // A file outside of the project stops the check. To also find the errors of values, check again and ignore files.
         if checked.diagnostics.iter().any(|diagnostic| diagnostic.code == code::OUTSIDE) {
             let others = self.check_with(Files::Ignored, text, draft).diagnostics.into_iter();
             let others = others.filter(|diagnostic| !checked.diagnostics.contains(diagnostic));
@@ -397,13 +398,14 @@ fn new_errors(
     new
 }
 
-/// Returns the ways to read a value: as RON, and as a text or a list of texts without quotes. A bare word can be either.
+/// Returns the ways to read a value: as RON, or as a text or a list of texts whose quotes are missing. A bare word can be read in both
+/// ways.
 fn spellings(value: &str) -> Vec<String> {
     let (tree, errors) = parse(value);
     if !errors.is_empty() {
         return vec![list_of_texts(value).unwrap_or_else(|| quote(value))];
     }
-    // The value, without the comments and spaces around it.
+    // Remove comments and spaces around the value.
     let plain = value[tree.span.start..tree.span.end].to_owned();
     let texts = match tree.kind {
         Kind::Word(_) => Some(quote(value)),

@@ -1,4 +1,4 @@
-//! Extraction: moves some nodes of a graph to a new graph file, and replaces them by a use of that file.
+//! Extraction: moves some nodes of a graph to a new graph file, and replaces them by one node that uses the new graph.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -36,8 +36,8 @@ use new_graph::NewGraph;
 pub struct Extraction {
     /// The names of the nodes to be moved, in any order.
     pub nodes: Vec<String>,
-    /// The path of the new file, such as `lib/nose.ron`, relative to the folder to which the graph's own path is relative. By default the
-    /// file is next to that of the graph and is named after the using node. If that name is taken, a number is appended.
+    /// The path of the new file, such as `lib/nose.ron`, relative to the same folder as the path of the graph. By default the file is in
+    /// the folder of the graph and has the name of the using node. If that name is taken, a number is appended.
     pub to: Option<PathBuf>,
     /// The node type of the new graph, such as `Nose`. By default it is derived from the name of the file.
     pub kind: Option<String>,
@@ -62,15 +62,17 @@ pub struct ExtractedGraph {
 
 /// Moves nodes of the graph file at `path` to a new graph file. A node that uses the new graph takes their place.
 ///
-/// A link from the remaining nodes to a moved node leads to an output of the new graph; a link in the opposite direction leads to an input
-/// of it. The parameters that the moved nodes name are passed on. Every value keeps its key. Comments are moved if they are inside of the
-/// nodes, after them on their lines, or directly above them. Node types that no other node needs are moved too. All other parts keep every
-/// byte, except for links to the moved nodes. References in other files, as in a `Patch`, a test or a pin, are not updated.
+/// A link from a remaining node to a moved node becomes a link to an output of the new graph. In the opposite direction, it becomes a link
+/// to an input of the new graph. The parameters that the moved nodes use are passed on. Every value keeps its cache key.
+///
+/// Comments are moved if they are inside of the nodes, after them on their lines, or directly above them. Entries of `use` that no other
+/// node needs are moved too. All other parts are kept byte by byte, except for links to the moved nodes. References in other files, such as
+/// a `Patch`, a test or a pin, are not updated.
 ///
 /// # Errors
-/// The graph has errors, the new texts have errors, or the nodes cannot be moved: one of them does not exist, another node both depends on
-/// them and is needed by them, a list would be an input or an output, a name is taken, or the new file exists. Positions are those in
-/// `text`.
+/// The graph has errors, the new texts have errors, or the nodes cannot be moved. They cannot be moved if one of them does not exist, if
+/// another node both depends on them and is needed by them, if an input or output would be a list, if a name is taken, or if the new file
+/// exists. Positions refer to `text`.
 pub fn extract(
     path: &Path,
     text: &str,
@@ -78,7 +80,7 @@ pub fn extract(
     catalog: &Catalog,
     options: &Options,
 ) -> Result<ExtractedGraph, Vec<Diagnostic>> {
-    // Values that come from `--set` are not part of the text.
+    // Ignore the values of `--set`, because they are not in the text.
     let options = &Options { set: Vec::new(), ..options.clone() };
     let mut extracted = None;
     let edited = EditedText::with_commas_behind(text, |text| {
@@ -115,7 +117,7 @@ fn extract_from(
     Ok(ExtractedGraph { edited, path: to, text: file, kind, name })
 }
 
-/// Returns the indices of the named nodes.
+/// Returns the indices of the nodes with the given names.
 fn positions_of(known: &ParsedGraph, names: &[String]) -> Result<BTreeSet<usize>, EditError> {
     if names.is_empty() {
         let help = "name the nodes to extract";
@@ -142,7 +144,7 @@ fn position_of(known: &ParsedGraph, given: &str) -> Result<usize, EditError> {
     })
 }
 
-/// Fails if a node outside of the set depends on a node of the set, and another node of the set depends on it.
+/// Returns an error if a node outside of the set both depends on a node of the set and is needed by one.
 fn check_no_node_between(known: &ParsedGraph, set: &BTreeSet<usize>) -> Result<(), EditError> {
     let nodes = known.entries("nodes");
     let links = known.links.iter().filter_map(|link| {
@@ -168,7 +170,7 @@ fn check_no_node_between(known: &ParsedGraph, set: &BTreeSet<usize>) -> Result<(
     Err(edit_error(code::CYCLE, nodes[at].0.span, message, help))
 }
 
-/// Adds a section to the text of the new graph, if the section has entries.
+/// Appends a section to the text of the new graph.
 fn section(name: &str, inside: &str, file: &mut String) {
     *file += &format!("    {name}: {{\n{inside}    }},\n");
 }
@@ -188,7 +190,7 @@ struct Extractor<'a> {
 }
 
 impl Extractor<'_> {
-    /// Returns the text of the graph, and the text of the new graph, which is not formatted yet.
+    /// Returns the new text of the old graph, and the text of the new graph before formatting.
     fn write(&self) -> Result<(String, String), EditError> {
         let Self { known, set, border, new, .. } = self;
         let text = &known.text;
@@ -241,7 +243,7 @@ impl Extractor<'_> {
         self.known.owner(span).is_some_and(|at| self.set.contains(&at))
     }
 
-    /// Returns the edits of the moved nodes: those of links that become links to inputs, and those of paths.
+    /// Returns the edits within the moved nodes: links to other nodes become links to inputs, and paths are adapted to the new folder.
     fn inner_splices(&self) -> Vec<Splice> {
         let Self { known, border, .. } = self;
         let mut splices = self.path_splices(known.files());
@@ -251,13 +253,13 @@ impl Extractor<'_> {
         splices
     }
 
-    /// Returns the edits of the paths that must change because the new file is in another folder.
+    /// Returns the edits that adapt paths to the folder of the new file.
     fn path_splices(&self, places: impl IntoIterator<Item = Span>) -> Vec<Splice> {
         let (from, to) = (folder_of_new(self.editor.path), folder_of_new(&self.new.path));
         self.known.rebase_paths(places, &from, &to)
     }
 
-    /// Returns those entries of `packs` that the moved nodes need.
+    /// Returns the entries of `packs` that the moved nodes need, as text for the new graph.
     fn packs(&self) -> String {
         let known = self.known;
         let nodes = known.entries("nodes");
@@ -272,8 +274,8 @@ impl Extractor<'_> {
         needed.map(|entry| format!("{},\n", known.slice(entry_span(entry)))).collect()
     }
 
-    /// Returns those entries of `use` that the moved nodes need. Also returns the edits that add the new type to the graph. They remove the
-    /// entries that no remaining node needs.
+    /// Returns the entries of `use` that the moved nodes need, as text for the new graph. Also returns the edits of this section in the old
+    /// graph: they add the new graph's node type, and remove entries that no remaining node needs.
     fn uses(&self) -> (String, Vec<Splice>) {
         let Self { known, set, new, .. } = self;
         let text = &known.text;
@@ -305,7 +307,7 @@ impl Extractor<'_> {
         (copies + &taken.text, splices)
     }
 
-    /// Returns the edits that add a section `use` to the graph, after the fields at its head.
+    /// Returns the edits that add a section `use` to the old graph, after its first fields such as `doc`.
     fn add_use_section(&self, entry: &str) -> Vec<Splice> {
         let (text, tree) = (&self.known.text, self.known.tree());
         fn is_header_field(name: &str) -> bool {
@@ -320,7 +322,7 @@ impl Extractor<'_> {
         insert_after(text, tree.span, before, places[head], &format!("use: {{ {entry} }}"))
     }
 
-    /// Returns the declaration of an input for the new graph.
+    /// Returns the declaration of an input of the new graph.
     fn input_declaration(&self, input: &Crossing) -> String {
         let known = self.known;
         let parsed = &known.definition().parsed_nodes[input.target.0];
@@ -334,7 +336,7 @@ impl Extractor<'_> {
         format!("{}: {declared}", quote(&input.name))
     }
 
-    /// Returns the declarations of parameters, as the graph contains them.
+    /// Returns the declarations of parameters, as the old graph contains them, for the new graph.
     fn parameter_declarations(&self, parameters: &BTreeSet<usize>) -> Vec<String> {
         let known = self.known;
         let paths = self.path_splices(known.files());

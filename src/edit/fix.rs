@@ -1,4 +1,4 @@
-//! Automatic fixes: applies suggested edits, as long as each removes the diagnostic that suggests it.
+//! Automatic fixes: applies the suggested edits of diagnostics, and keeps each edit that removes its diagnostic.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -7,8 +7,8 @@ use maquette_graph::catalog::Catalog;
 use maquette_graph::{Graph, Options};
 use maquette_syntax::error::{Diagnostic, code};
 
-/// Applies the fixes of those diagnostics that have exactly one fix. Returns the new text, and the fixed diagnostics in order. Diagnostics
-/// of other files are not fixed.
+/// Applies the fixes of all diagnostics that have one. Returns the new text, and the fixed diagnostics in order. Diagnostics of other files
+/// are not fixed.
 pub fn apply_fixes(
     path: &Path,
     text: &str,
@@ -17,7 +17,7 @@ pub fn apply_fixes(
 ) -> (String, Vec<Diagnostic>) {
     let (mut text, mut mended, mut diagnostics) =
         (text.to_owned(), Vec::new(), check(text, path, catalog, options));
-    // Errors that become visible only after a fix are fixed too. A fix that leads back to an earlier text is not applied.
+    // A fix can reveal further errors, which are fixed too. Do not return to an earlier text, which would be an endless loop.
     let mut seen = BTreeSet::from([text.clone()]);
     let mut next = 0;
     while let Some(diagnostic) = diagnostics.get(next) {
@@ -41,7 +41,7 @@ fn check(text: &str, path: &Path, catalog: &Catalog, options: &Options) -> Vec<D
     [checked.diagnostics, unused].concat()
 }
 
-/// Returns true if the number of diagnostics of this kind has decreased by one, and there is no new syntax error.
+/// Returns true if there is one fewer diagnostic of this kind than before the fix, and no new syntax error.
 fn is_fixed(diagnostic: &Diagnostic, before: &[Diagnostic], now: &[Diagnostic]) -> bool {
     let [same_before, same_now] = [before, now].map(|all| {
         let same = all

@@ -1,12 +1,14 @@
 //! The canonical form of a graph file.
 //!
-//! The form depends on the words, the comments and the blank lines of the text, but not on its line breaks. Two texts that differ only in
-//! spaces and line breaks have the same form. The comments, the order, and the spelling of literals are kept. An entry is on one line if it
-//! fits. Otherwise, if its last field is a list or map, that value is opened and the fields before it remain on the first line; any other
-//! value is broken into one entry per line. The lines of a list of short values are filled. The entries of `nodes`, and the rows of a list
-//! of lists, always begin on lines of their own.
+//! The form depends on the words, the comments and the blank lines of the text, but not on its line breaks and other spaces. The comments,
+//! the order, and the spelling of literals are kept.
 //!
-//! Before the formatted text is returned, it is compared with the original text.
+//! An entry is on one line if it fits. Otherwise, if its last field is a list or map, the fields before it stay on the first line, and only
+//! the content of the list or map is broken into lines. Any other value is broken into one entry per line. A list of short values is
+//! filled: each line contains as many values as fit. The entries of `nodes`, and the rows of a list of lists, always begin on lines of
+//! their own.
+//!
+//! The formatted text is compared with the original text before it is returned, to be sure that nothing was lost.
 
 use std::mem::take;
 use std::path::Path;
@@ -15,24 +17,23 @@ use std::sync::Arc;
 use maquette_syntax::error::{Diagnostic, Severity, Source, Span, code};
 use maquette_syntax::{LineEnding, Token, parse, syntax_diagnostics, tokens, with_trailing_commas};
 
-/// The maximum line width in columns. The graphs for which the form was designed have nodes of up to 146 columns on one line. With a limit
-/// of 120, one in five of these long nodes would become a block of five to ten lines.
+/// Maximum line width in columns. The graphs for which the form was designed have nodes of up to 146 columns on one line. At a limit of
+/// 120, one in five of these long nodes would become a block of five to ten lines.
 const MAX_WIDTH: usize = 150;
 
 /// The number of columns per level of indentation.
 const INDENT: usize = 4;
 
-/// The maximum number of entries that a map on one line can have.
+/// Maximum number of entries of a map on one line.
 const MAX_INLINE_ENTRIES: usize = 4;
 
-/// The maximum width in columns of a value that shares its line with other values.
+/// Maximum width in columns of a short value, which may share its line with other values of a list.
 const MAX_SHORT_WIDTH: usize = 30;
 
-/// Returns the text of a graph file in its canonical form, or diagnostics if the text cannot be parsed. `name` is the name of the file in
-/// the diagnostics.
+/// Returns the text of a graph file in its canonical form. If the text cannot be parsed, returns diagnostics, in which the file has the
+/// name `name`.
 ///
-/// The comments and the order are kept. If a text is in the canonical form already, it is not changed. If the line endings are uniform,
-/// they are kept; otherwise they become `\n`.
+/// The comments and the order are kept. A text in the canonical form is not changed. Uniform line endings are kept; mixed ones become `\n`.
 pub fn format_text(name: &Path, text: &str) -> Result<String, Vec<Diagnostic>> {
     let (_, errors) = parse(text);
     if !errors.is_empty() {
@@ -48,7 +49,7 @@ pub fn format_text(name: &Path, text: &str) -> Result<String, Vec<Diagnostic>> {
     Err(vec![internal_error(name, text, "the canonical form")])
 }
 
-/// Returns the error for a formatted text that does not have the meaning of the original text.
+/// Returns the error that the formatted text has another meaning than the original text. `what` is the operation that failed.
 pub(super) fn internal_error(name: &Path, text: &str, what: &str) -> Diagnostic {
     let source = Arc::new(Source { name: name.to_owned(), text: text.to_owned() });
     let message = format!("{what} would change the meaning of the file");
@@ -57,7 +58,7 @@ pub(super) fn internal_error(name: &Path, text: &str, what: &str) -> Diagnostic 
     Diagnostic { help, ..Diagnostic::new(Severity::Error, code::SYNTAX, place, message) }
 }
 
-/// Formats an entry, `name: value`, whose first line starts at the column `indent`. Its other lines begin with the same number of spaces.
+/// Formats an entry, `name: value`, whose first line starts at column `indent`. Its other lines are indented by at least `indent` spaces.
 pub(super) fn format_entry(entry: &str, indent: usize) -> String {
     let group = Reader::new(entry).read_group("", 1);
     let mut printer = Printer { text: String::new(), column: indent };
@@ -67,7 +68,7 @@ pub(super) fn format_entry(entry: &str, indent: usize) -> String {
     if inventory(entry) == inventory(&printer.text) { printer.text } else { entry.to_owned() }
 }
 
-/// Returns what formatting must keep: the words in order, without redundant commas, and the sorted comments.
+/// Returns the parts of a text that formatting must keep: the words in order, without redundant commas, and the comments, sorted.
 fn inventory(text: &str) -> (Vec<&str>, Vec<&str>) {
     let (mut words, mut comments): (Vec<&str>, Vec<&str>) = (Vec::new(), Vec::new());
     for (part, span) in tokens(text) {
@@ -90,10 +91,10 @@ fn inventory(text: &str) -> (Vec<&str>, Vec<&str>) {
 #[derive(Default)]
 struct Entry<'t> {
     above: Vec<Note<'t>>,
-    /// True if there is a blank line before the entry and the comments above it.
+    /// True if a blank line precedes the entry and its comments.
     has_blank_line: bool,
     pieces: Vec<Piece<'t>>,
-    /// The comments that follow the entry on its last line.
+    /// The comments after the entry, on its last line.
     trailing: Vec<&'t str>,
 }
 
@@ -118,14 +119,14 @@ struct Group<'t> {
     entries: Vec<Entry<'t>>,
     /// The comments directly before the closing bracket.
     last: Vec<Note<'t>>,
-    /// The width of the group in columns, if it is on one line. `None` if the group must be broken into lines.
+    /// The width of the group in columns if it is written on one line. `None` if it must be broken into lines.
     inline_width: Option<usize>,
     /// True for the outermost call of the file, such as `Graph(..)`.
     is_top: bool,
 }
 
 impl<'t> Entry<'t> {
-    /// Returns the width of the entry in columns, if it is on one line. `None` if it needs several lines.
+    /// Returns the width of the entry in columns if it is written on one line. `None` if it must be broken into lines.
     fn inline_width(&self) -> Option<usize> {
         let plain = self.above.is_empty() && self.trailing.is_empty();
         plain.then(|| inline_width(&self.pieces)).flatten()
@@ -147,7 +148,7 @@ impl<'t> Entry<'t> {
         self.pieces.len() == 1 && self.last_group().is_some_and(|group| group.open == "[")
     }
 
-    /// Returns true if the entry may be on one line with other items of its list.
+    /// Returns true if the entry may share a line with other items of its list.
     fn is_short(&self) -> bool {
         !self.has_colon()
             && self
@@ -170,7 +171,7 @@ fn inline_width(pieces: &[Piece<'_>]) -> Option<usize> {
     Some(columns)
 }
 
-/// Returns true if a space must be between two pieces.
+/// Returns true if two adjacent pieces must be separated by a space.
 fn needs_space(before: &Piece<'_>, after: &Piece<'_>) -> bool {
     match (before, after) {
         (_, Piece::Colon) => false,
@@ -207,18 +208,18 @@ impl<'t> Group<'t> {
         self.open == "[" && self.entries.len() > 1 && self.entries.iter().all(Entry::is_list)
     }
 
-    /// Returns the padding inside of the brackets of a group that is on one line.
+    /// Returns the space between the brackets and the content of a group on one line.
     fn padding(&self) -> &'static str {
         if self.open == "{" && !self.entries.is_empty() { " " } else { "" }
     }
 
-    /// Returns true if as many values are written on each line of the group as fit.
+    /// Returns true if each line of the group contains as many values as fit.
     fn is_filled(&self) -> bool {
         self.open != "{" && self.entries.len() > 1 && self.entries.iter().all(Entry::is_short)
     }
 
-    /// Returns the last entry, if it is a list or map that can be opened after the entries before it, and the number of columns up to its
-    /// bracket.
+    /// Returns the last entry if it is a list or map whose content can be broken into lines while the entries before it stay on the first
+    /// line. Also returns the number of columns up to the bracket of that entry.
     fn last_opened(&self) -> Option<(&Self, usize)> {
         let (last, before) = self.entries.split_last()?;
         let group = last.last_group()?;
@@ -233,18 +234,18 @@ impl<'t> Group<'t> {
     }
 }
 
-/// Groups the tokens of a text into entries. The text must have no syntax errors.
+/// Reads the tokens of a text as nested groups and entries. The text must have no syntax errors.
 struct Reader<'t> {
     text: &'t str,
     parts: Vec<(Token, Span)>,
     at: usize,
 }
 
-/// An entry that is still being read.
+/// An entry that has not been read completely.
 #[derive(Default)]
 struct PartialEntry<'t> {
     entry: Entry<'t>,
-    /// The comments after the last piece of the entry. The flag of each is true if the comment is on a line of its own.
+    /// The comments after the last piece that has been read. The flag is true if the comment is on a line of its own.
     pending: Vec<(Note<'t>, bool)>,
 }
 
@@ -253,7 +254,7 @@ impl<'t> Reader<'t> {
         Self { text, parts: tokens(text), at: 0 }
     }
 
-    /// Reads a whole file, as a group without brackets.
+    /// Reads a whole file, as the content of a group without brackets.
     fn read_file(mut self) -> Group<'t> {
         self.read_group("", 0)
     }
@@ -294,7 +295,7 @@ impl<'t> Reader<'t> {
                 }
                 Token::Colon => partial.push(Piece::Colon, false),
                 Token::Word => {
-                    // A value that follows an attribute of the file begins a new entry.
+                    // The outermost value of the file may follow an attribute, such as `#![enable(..)]`, without a comma.
                     if depth == 0 && partial.entry.last_group().is_some() {
                         partial.finish(&mut entries, None);
                     }
@@ -317,7 +318,7 @@ impl<'t> Reader<'t> {
         Group::new(open, close, entries, last)
     }
 
-    /// Returns true if, after the comment that was read last, a value begins on the line of the comment.
+    /// Returns true if a value follows the last comment on the same line.
     fn word_follows(&self) -> bool {
         let rest = &self.parts[self.at..];
         let next = rest
@@ -333,7 +334,7 @@ impl<'t> PartialEntry<'t> {
     }
 
     fn push(&mut self, piece: Piece<'t>, gap: bool) {
-        // A comment inside of an entry is moved above the entry.
+        // Comments in the middle of an entry are moved above the entry.
         self.entry.above.extend(take(&mut self.pending).into_iter().map(|(note, _)| note));
         if self.entry.pieces.is_empty() {
             self.entry.has_blank_line = gap;
@@ -359,7 +360,7 @@ impl<'t> PartialEntry<'t> {
         }
     }
 
-    /// Adds the entry to `entries`. Comments before the closing bracket are added to `last`.
+    /// Adds the complete entry to `entries`. Adds comments between the last entry and the closing bracket to `last`.
     fn finish(&mut self, entries: &mut Vec<Entry<'t>>, last: Option<&mut Vec<Note<'t>>>) {
         let Self { mut entry, pending: late } = take(self);
         let Some(last) = last else {
@@ -389,7 +390,8 @@ impl<'t> PartialEntry<'t> {
 }
 
 impl<'t> Entry<'t> {
-    /// Adds a comment after the entry. A line can hold only one line comment, so an earlier line comment is moved above the entry.
+    /// Adds a comment that follows the entry on its line. A line comment must be the last on its line, so an earlier one is moved above the
+    /// entry.
     fn add_trailing(&mut self, note: Note<'t>) {
         if let Some(text) = self.trailing.pop_if(|text| text.starts_with("//")) {
             self.above.push(Note { text, has_blank_line: false });
@@ -428,7 +430,7 @@ impl Printer {
         };
     }
 
-    /// Ends the present line, unless it is empty, and indents the next line.
+    /// Ends the current line, unless it is empty, and indents the next line.
     fn end_line(&mut self, indent: usize) {
         let kept = self.text.trim_end_matches(' ').len();
         self.text.truncate(kept);
@@ -454,7 +456,7 @@ impl Printer {
         self.end_line(0);
     }
 
-    /// Writes the comments above an entry, and begins the line of the entry.
+    /// Writes the comments above an entry, and starts the line of the entry.
     fn write_above(&mut self, entry: &Entry<'_>, indent: usize, is_first: bool) {
         for (index, note) in entry.above.iter().enumerate() {
             self.write_note(note, indent, is_first && index == 0);
@@ -472,7 +474,7 @@ impl Printer {
         }
     }
 
-    /// Writes pieces of text. `tail` is the number of columns that follow on the last line.
+    /// Writes pieces of an entry. `tail` is the number of columns needed after them on the last line.
     fn write_pieces(&mut self, pieces: &[Piece<'_>], indent: usize, tail: usize) {
         for (index, piece) in pieces.iter().enumerate() {
             if index > 0 && needs_space(&pieces[index - 1], piece) {

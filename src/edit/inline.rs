@@ -1,4 +1,4 @@
-//! Inlining: replaces a node that uses a graph by the nodes of that graph.
+//! Inlining: replaces a node that uses another graph by the nodes of that graph.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -27,17 +27,18 @@ use super::relocate::{
 };
 use super::{Edit, EditedText, Editor};
 
-/// Replaces one use of a graph, in the file at `path`, by the nodes of the used graph. This is the inverse of
+/// Replaces one node that uses a graph, in the file at `path`, by the nodes of the used graph. This is the inverse of
 /// [`extract`](crate::extract()).
 ///
-/// The nodes keep their comments, and the values that the use gives replace the parameters of the used graph. A node keeps its name if that
-/// name is free; otherwise the name is prefixed with that of the use. Links to the use become links to the nodes. The expectations and node
-/// types of the used graph are copied. Every value keeps its key. The file of the used graph is not changed.
+/// The nodes keep their comments. The parameters of the used graph are replaced by the values that the node gives. An inlined node keeps
+/// its name if the name is free; otherwise it is prefixed with the name of the replaced node. Links to outputs of the replaced node become
+/// links to the inlined nodes. The expectations and node types of the used graph are copied. Every value keeps its cache key. The file of
+/// the used graph is not changed.
 ///
 /// # Errors
-/// The graph has errors, the new text has errors, the node is not a use of a graph or is in a `ForEach`, or the nodes would have another
-/// meaning in the using graph. The latter can be caused by properties that the used graph requires of its inputs or promises, or by a value
-/// that cannot be written in an expression. Positions are those in `text` or in the text of the used graph.
+/// The graph has errors, the new text has errors, the node does not use a graph or is a `ForEach`, or the inlined nodes would have another
+/// meaning. The meaning can change because of properties that the used graph requires of its inputs or promises, or because of a value that
+/// cannot be written in an expression. Positions refer to `text` or to the text of the used graph.
 pub fn inline(
     path: &Path,
     text: &str,
@@ -45,7 +46,7 @@ pub fn inline(
     catalog: &Catalog,
     options: &Options,
 ) -> Result<EditedText, Vec<Diagnostic>> {
-    // Values that come from `--set` are not part of the text.
+    // Ignore the values of `--set`, because they are not in the text.
     let options = &Options { set: Vec::new(), ..options.clone() };
     let editor = Editor { path, catalog, options };
     EditedText::with_commas_behind(text, |text| inline_in(&editor, text, node))
@@ -85,7 +86,7 @@ fn inline_in(editor: &Editor<'_>, text: &str, node: &str) -> Result<EditedText, 
     Ok(EditedText { text: new, before: text.to_owned(), changes: Vec::new() })
 }
 
-/// Returns the index of a use among the nodes, and the graph that the use refers to.
+/// Returns the index of the node `name`, and the definition of the graph that it uses.
 fn find_use<'k>(known: &'k ParsedGraph, name: &str) -> Result<(usize, &'k Definition), EditError> {
     let Some(at) = known.position("nodes", name) else {
         let nodes = Vec::from_iter(known.names("nodes"));
@@ -116,7 +117,8 @@ fn find_use<'k>(known: &'k ParsedGraph, name: &str) -> Result<(usize, &'k Defini
     Ok((at, graph))
 }
 
-/// Returns the edits that prepare a used graph for inlining. They remove omitted inputs, and rename nodes whose names are taken.
+/// Returns the edits that prepare the text of a used graph for inlining. They remove omitted inputs, and rename nodes whose names are
+/// taken.
 fn preparing_edits(known: &ParsedGraph, at: usize, graph: &Definition) -> Vec<Edit> {
     let (key, call) = &known.entries("nodes")[at];
     let fields = call.fields().unwrap_or_default();
@@ -155,7 +157,7 @@ fn is_none(field: &Field) -> bool {
     matches!(&field.value.kind, Kind::Word(word) if word == "None")
 }
 
-/// Returns the error for a result that computes something else than the original graph.
+/// Returns the error for a result that computes other values than the original graph.
 fn difference_error(
     name: &str,
     graph: &Definition,
@@ -187,22 +189,22 @@ fn difference_error(
     edit_error(code::EXPRESSION, span, message, help)
 }
 
-/// An error, with a flag that is true if the position of the error is in the used graph.
+/// An error. The flag is true if its position is in the used graph.
 type InlineError = (bool, EditError);
 
-/// Writes the text with the inlined nodes.
+/// Writes the text of the using graph with the inlined nodes.
 struct Inliner<'a> {
     known: &'a ParsedGraph,
-    /// The index of the use among the nodes.
+    /// The index of the node to be replaced.
     at: usize,
-    /// The used graph, prepared for inlining.
+    /// The used graph, after the preparing edits.
     inner: &'a ParsedGraph,
     path: &'a Path,
     /// The folder of the used graph, and the folder of the using graph.
     folders: [PathBuf; 2],
-    /// For each input of the use, the link at that input.
+    /// For each input of the used graph, the link that the replaced node has there.
     links: BTreeMap<String, &'a str>,
-    /// The node types of the used graph that have another name in the using graph, with that name.
+    /// New names for node types of the used graph whose names are taken in the using graph.
     kinds: BTreeMap<String, String>,
 }
 
@@ -243,7 +245,7 @@ impl<'a> Inliner<'a> {
         let within = self.inner_splices().map_err(|error| (true, error))?;
         let content = Span { start: content_start(own, inside.span), end: inside.span.end - 1 };
         let entries = apply_within(own, content, &within);
-        // The inserted text was parsed before, so it cannot have syntax errors.
+        // The inserted text comes from a parsed text, so it has no syntax errors.
         let entries = indented_entries(self.path, &entries).unwrap_or_default();
         let mut splices = replace_entry(text, map, self.at, &entries);
         for link in known.links.iter().filter(|link| node_of_link(&link.text) == self.name()) {
@@ -255,7 +257,7 @@ impl<'a> Inliner<'a> {
         Ok(apply(text, splices))
     }
 
-    /// Returns the link that takes the place of a link to an output of the use.
+    /// Returns the replacement of a link to an output of the replaced node.
     fn link_to_output(&self, link: &str) -> String {
         let outputs = self.inner.entries("outputs");
         let output = match link.split_once('.') {
@@ -267,12 +269,12 @@ impl<'a> Inliner<'a> {
             .map_or_else(|| link.to_owned(), |it| self.outer_link(it))
     }
 
-    /// Returns the link that takes the place of a link inside of the used graph.
+    /// Returns the replacement of a link inside of the used graph: a link to an input becomes the link that the replaced node has there.
     fn outer_link(&self, link: &str) -> String {
         self.links.get(link).map_or(link, |outer| outer).to_owned()
     }
 
-    /// Returns the edits of the inlined nodes.
+    /// Returns the edits within the text of the inlined nodes.
     fn inner_splices(&self) -> Result<Vec<Splice>, EditError> {
         let inner = self.inner;
         let mut splices = Vec::new();
@@ -297,13 +299,13 @@ impl<'a> Inliner<'a> {
         Ok(splices)
     }
 
-    /// Returns the edits of the paths that must change because the using graph is in another folder.
+    /// Returns the edits that adapt paths to the folder of the using graph.
     fn path_splices(&self) -> Vec<Splice> {
         let [from, to] = &self.folders;
         self.inner.rebase_paths(self.inner.files(), from, to)
     }
 
-    /// Returns the values that the parameters of the used graph have in this use.
+    /// Returns the values that the replaced node gives to the parameters of the used graph.
     fn parameter_values(&self) -> BTreeMap<String, ParameterValue> {
         let Self { known, inner, .. } = self;
         let fields = known.entries("nodes")[self.at].1.fields().unwrap_or_default();
@@ -335,7 +337,7 @@ impl<'a> Inliner<'a> {
         self.with_derived_values(values)
     }
 
-    /// Replaces each computed default by an expression that is valid in the using graph.
+    /// Replaces each computed default of a parameter by an expression that is valid in the using graph.
     fn with_derived_values(
         &self,
         mut values: BTreeMap<String, ParameterValue>,
@@ -398,7 +400,7 @@ impl<'a> Inliner<'a> {
         }
     }
 
-    /// Returns the node types of the used graph that need another name in the using graph, because their name is taken.
+    /// Returns new names for node types of the used graph whose names are taken in the using graph.
     fn renamed_types(&self) -> BTreeMap<String, String> {
         let Self { known, inner, .. } = self;
         let mut taken = BTreeSet::from_iter(known.names("use").map(str::to_owned));
@@ -424,7 +426,7 @@ impl<'a> Inliner<'a> {
         kinds
     }
 
-    /// Returns true if two entries of `use`, one from each graph, name the same file and the same version.
+    /// Returns true if two entries of `use`, one from each graph, refer to the same file and require the same version.
     fn is_same_use(&self, own: &Tree, inner: &Tree) -> bool {
         let [from, to] = &self.folders;
         fn version(value: &Tree) -> Option<String> {
@@ -438,8 +440,8 @@ impl<'a> Inliner<'a> {
         here == there && version(own) == version(inner)
     }
 
-    /// Returns the edits of the section `use`. If nothing else needs the used graph, its entry is removed; the node types that its nodes
-    /// need are added.
+    /// Returns the edits of the section `use`. They remove the entry of the used graph if no other node needs it, and add the node types
+    /// that the inlined nodes need.
     fn use_splices(&self) -> Vec<Splice> {
         let Self { known, inner, at, .. } = self;
         let nodes = known.entries("nodes");
@@ -486,7 +488,7 @@ impl<'a> Inliner<'a> {
         self.kinds.get(name).map_or(name, String::as_str).to_owned()
     }
 
-    /// Returns the edits that add the packs which the used graph requires.
+    /// Returns the edits that add the packs required by the used graph to the using graph.
     fn pack_splices(&self) -> Result<Vec<Splice>, EditError> {
         let Self { known, inner, .. } = self;
         let mut new = Vec::new();

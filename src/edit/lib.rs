@@ -2,12 +2,12 @@
 //!
 //! [`edit`](edit()) applies single [`Edit`]s of values, nodes, names, links and outputs. [`format_text`] and [`minimal`](minimal()) rewrite
 //! a text in the canonical form. [`extract`](extract()) moves nodes to a new graph file, and [`inline`](inline()) moves them back; both are
-//! based on `relocate`. [`merge`](merge()) merges the edits of two people. [`apply_fixes`] applies suggested fixes. All parts of a text
-//! that an edit does not mention keep every byte. Every edited text is checked again.
+//! based on `relocate`. [`merge`](merge()) merges the edits of two people. [`apply_fixes`] applies suggested fixes. Parts of a text that an
+//! edit does not mention are kept byte by byte. Every edited text is checked again.
 //!
 //! Start reading in `edit.rs`, then `structure.rs`.
 //!
-//! This crate evaluates nothing and draws nothing.
+//! This crate does not evaluate graphs and does not draw diagrams.
 
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 

@@ -1,8 +1,8 @@
-//! Merges the edits that two people have made to one graph, by structure.
+//! Three-way merge of the edits that two people have made to one graph, based on its structure instead of its lines.
 //!
-//! Texts are merged part by part: fields of the graph, entries of its sections, fields of nodes, and so on to the deepest part with a name.
-//! If only one side changed a part, its version is taken. A conflict arises only if both sides changed the same part in different ways. If
-//! one side renamed a part, the part is first renamed in all three texts.
+//! Texts are merged part by part: fields of the graph, entries of its sections, fields of nodes, and so on to the innermost part that has a
+//! name. If only one side changed a part, its version is taken. A conflict arises only if both sides changed the same part in different
+//! ways. If one side renamed a part, the part is first renamed in all three texts.
 
 use std::collections::BTreeSet;
 use std::convert::Infallible;
@@ -40,16 +40,17 @@ use units::plain_numbers;
 pub struct Merge {
     /// The merged text. Conflicts are marked as in git.
     pub text: String,
-    /// The paths of the conflicts, such as `nodes.red.select.distance`. The empty path stands for the whole text.
+    /// The paths of the conflicts, such as `nodes.red.select.distance`. The empty path is the whole text.
     pub conflicts: Vec<String>,
-    /// Errors of the merged text that neither side has (checked only if there are no conflicts), expressions in conflicts whose meaning
-    /// would change, and syntax errors of texts that cannot be parsed.
+    /// If there are no conflicts: errors of the merged text that neither side has. Also expressions in conflicts whose meaning would
+    /// change, and syntax errors of texts that cannot be parsed.
     pub diagnostics: Vec<Diagnostic>,
-    /// True if the texts were merged by lines, as in git. That happens if one of them cannot be parsed, or if comments could not be placed.
+    /// True if the texts were merged by lines, as in git, because one of them cannot be parsed or because comments could not be assigned to
+    /// parts.
     pub by_lines: bool,
 }
 
-/// An entry that one of the sides renamed.
+/// An entry of a section that one side has renamed.
 #[derive(PartialEq)]
 struct Renaming {
     section: &'static str,
@@ -57,11 +58,11 @@ struct Renaming {
     new: String,
 }
 
-/// Merges the versions `ours` and `theirs` of the text `base`. `path` is the path of the file, from which the graphs that it uses are
-/// found.
+/// Merges the versions `ours` and `theirs` of the text `base`. `path` is the path of the file; paths of used graphs are relative to its
+/// folder.
 ///
-/// The names, comments and formatting of our text are kept. Parts that the other side changed or added are taken as they are in its text.
-/// If one of the texts is not RON, the texts are merged by lines.
+/// The names, comments and formatting of our text are kept. Parts that the other side has changed or added are copied from its text. If one
+/// of the texts is not RON, the texts are merged by lines.
 pub fn merge(path: &Path, [base, ours, theirs]: [&Source; 3], catalog: &Catalog) -> Merge {
     let named = MergeContext { path, catalog };
     let texts = [base, ours, theirs].map(|source| &source.text[..]);
@@ -98,15 +99,15 @@ pub fn merge(path: &Path, [base, ours, theirs]: [&Source; 3], catalog: &Catalog)
     merged
 }
 
-/// The three texts, in which a renamed part has the same name.
+/// The three texts, after each renamed part has been given the same name in all of them.
 struct UnifiedNames {
     texts: [String; 3],
     renamed_twice: Vec<RenamedTwice>,
-    /// Names such as `nodes.red` that one side gives to a renamed entry and the other side gives to a new entry.
+    /// Names, such as `nodes.red`, that one side has given to a renamed entry and the other side to a new entry.
     taken: BTreeSet<String>,
 }
 
-/// Returns the names that one side gives to a renamed entry, and the other side to another entry.
+/// Returns the names that one side has given to a renamed entry, and the other side to a new entry.
 fn taken_names(
     [base, ours, theirs]: [&str; 3],
     by_us: &[Renaming],
@@ -115,7 +116,7 @@ fn taken_names(
     fn has(text: &str, section: &str, name: &str) -> bool {
         let (tree, _) = parse(text);
         let fields = tree.fields().unwrap_or_default();
-        // Nodes and inputs share one namespace, so they are compared together.
+        // Nodes and inputs share one namespace, so search both sections.
         let sections: &[_] = if section == "params" { &["params"] } else { &["nodes", "inputs"] };
         sections.iter().any(|section| entries(fields, section).any(|(known, _)| known == name))
     }
@@ -130,7 +131,7 @@ fn taken_names(
     taken
 }
 
-/// The path of the file and the catalog of node types.
+/// The context of a merge: the path of the file, and the catalog of node types.
 #[derive(Clone, Copy)]
 struct MergeContext<'a> {
     path: &'a Path,
@@ -138,10 +139,10 @@ struct MergeContext<'a> {
 }
 
 impl MergeContext<'_> {
-    /// Merges the texts by structure. The result is not checked yet.
+    /// Merges the texts by structure. The result has not been checked.
     ///
     /// # Errors
-    /// One of the texts cannot be parsed, or comments cannot be placed. The error contains the diagnostics that are known at that point.
+    /// One of the texts cannot be parsed, or comments cannot be assigned to parts. The error contains the diagnostics found so far.
     fn merge_by_structure(self, texts: [&str; 3]) -> Result<Merge, Vec<Diagnostic>> {
         if texts.iter().any(|text| !parse(text).1.is_empty()) {
             return Err(Vec::new());
@@ -165,8 +166,8 @@ impl MergeContext<'_> {
         Ok(Merge { text, conflicts, diagnostics, by_lines: false })
     }
 
-    /// Merges texts in which renamed parts have the same names. Returns the merged text and the conflicts. The entries in `kept_separate`
-    /// are always conflicts.
+    /// Merges texts after renamed parts have been given the same names. Returns the merged text and the conflicts. Entries in
+    /// `kept_separate` are always conflicts.
     fn merge_texts(
         self,
         texts: [&str; 3],
@@ -198,7 +199,7 @@ impl MergeContext<'_> {
         (format!("{above}{whole}{below}"), conflicts)
     }
 
-    /// Returns the offsets of the fields whose values equal their defaults.
+    /// Returns the byte offsets of the fields whose values equal their defaults.
     fn default_offsets(self, text: &str) -> BTreeSet<usize> {
         let options = Options { files: Files::Ignored, ..Options::default() };
         let cuts = removable_fields(self.path, text, self.catalog, &options);
@@ -236,7 +237,7 @@ impl MergeContext<'_> {
         Ok(UnifiedNames { texts: [base, ours, theirs], renamed_twice: twice, taken })
     }
 
-    /// Returns the names that differ between two texts.
+    /// Returns the entries that were renamed between an old and a new text.
     fn find_renames(self, old: &str, new: &str) -> Result<Vec<Renaming>, Vec<Diagnostic>> {
         fn source(text: &str, path: &Path) -> Source {
             Source { name: path.to_owned(), text: text.to_owned() }
@@ -258,7 +259,7 @@ impl MergeContext<'_> {
             .collect())
     }
 
-    /// Renames an entry in a text. If the text has no such entry, or if the new name is already in use, returns the text unchanged.
+    /// Renames an entry in a text. Returns the text unchanged if it has no such entry, or if the new name is already in use.
     fn rename_entry(self, text: String, section: &str, old: &str, new: &str) -> String {
         let (tree, _) = parse(&text);
         let mut known = entries(tree.fields().unwrap_or_default(), section);
@@ -274,7 +275,7 @@ impl MergeContext<'_> {
         Graph::load_text(self.path, text.to_owned(), self.catalog, &options).diagnostics
     }
 
-    /// Returns the errors of a text that neither of two other texts has.
+    /// Returns the errors of a text that do not occur in the two other texts.
     fn new_errors(self, text: &str, others: [&str; 2]) -> Vec<Diagnostic> {
         let known: Vec<_> = others.into_iter().flat_map(|other| self.diagnostics(other)).collect();
         let mut found = self.diagnostics(text);

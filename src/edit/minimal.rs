@@ -17,8 +17,8 @@ use serde_json::Value as Json;
 
 use super::format::{format_text, internal_error};
 
-/// Returns the text of a graph file in its canonical form, without values that equal their defaults. All comments are kept. Other files,
-/// such as a `Patch` or a test, are only formatted.
+/// Returns the text of a graph file in its canonical form, without values that equal their defaults. All comments are kept. A file that is
+/// not a graph, such as a `Patch` or a test, is only formatted.
 ///
 /// # Errors
 /// The text cannot be parsed.
@@ -31,7 +31,7 @@ pub fn minimal(
     let form = format_text(path, text)?;
     let options = Options { files: Files::Ignored, ..options.clone() };
     let mut short = form.clone();
-    // If all fields of a value have been removed, the value itself may equal its default.
+    // After all fields of a value have been removed, the value itself may equal its default, so repeat.
     loop {
         let cuts = removable_fields(path, &short, catalog, &options);
         if cuts.is_empty() {
@@ -55,7 +55,7 @@ pub fn minimal(
     Err(vec![internal_error(path, text, "the shorter text")])
 }
 
-/// Returns the spans of the fields that can be removed. A span extends from the name of the field to its value.
+/// Returns the spans of the fields that can be removed, each from the name of the field to the end of its value.
 pub(super) fn removable_fields(
     path: &Path,
     text: &str,
@@ -101,7 +101,7 @@ impl Search<'_> {
         self.cuts.push(Span { start: field.name.span.start, end: field.value.span.end });
     }
 
-    /// Removes the fields whose names are in `names`, if they are empty.
+    /// Marks the fields with the given names for removal if their values are empty.
     fn cut_empty(&mut self, fields: &[Field], names: &[&str]) {
         for field in fields.iter().filter(|field| names.contains(&&field.name.text[..])) {
             if is_empty(&field.value) {
@@ -120,7 +120,7 @@ impl Search<'_> {
             .is_some_and(|schema| is_default(&field.value, schema, expected.root, self.catalog))
     }
 
-    /// Finds the fields that equal their defaults, within a value in plain numbers.
+    /// Finds the fields that equal their defaults in a value whose numbers are plain.
     fn search_value(&mut self, tree: &Tree, expected: &ExpectedValue<'_>) {
         match &tree.kind {
             Kind::List(items) => self.search_items(items, |k| expected.item(k)),
@@ -188,7 +188,7 @@ impl Search<'_> {
         let with = group("with", fields, schema);
         let with = with.as_ref().and_then(Tree::fields).unwrap_or_default();
         self.search_fields(with, &expected, |_| false);
-        // An element must state a default explicitly if `with` gives the field another value.
+        // An element must state a default explicitly if `with` sets the field to another value.
         let others: Vec<_> = with.iter().filter(|it| !self.is_default(it, &expected)).collect();
         if let Some(Kind::List(elements)) =
             fields.iter().find(|field| field.name.text == "over").map(|field| &field.value.kind)
@@ -203,10 +203,10 @@ impl Search<'_> {
     }
 }
 
-/// Returns the text without the fields at `cuts`, their commas and their lines. The comments inside of the fields are kept.
+/// Removes the fields at the spans `cuts` from a text, with their commas and empty lines. Comments inside of the fields are kept.
 fn remove_fields(text: &str, cuts: &[Span]) -> String {
     let mut result = String::with_capacity(text.len());
-    // True after a removed field, while its comma must still be removed and its line is empty.
+    // `is_behind` is true until the comma of a removed field has been removed; `is_blank` is true while the line of that field is empty.
     let (mut is_behind, mut is_blank) = (false, false);
     for (token, span) in tokens(text) {
         let word = &text[span.start..span.end];

@@ -1,5 +1,5 @@
-//! Finds all names in the text of a graph, a patch, a test or a sweep. Each is resolved to the declaration to which it refers, in the same
-//! file or in another file.
+//! Finds all names in the text of a graph, a patch, a test or a sweep, and the declaration to which each name refers. The declaration may
+//! be in another file.
 
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
@@ -21,10 +21,10 @@ use maquette_syntax::{Body, Field, Kind, Name, Tree, parse};
 
 use super::{Reference, ReferenceKind, References};
 
-/// A declaration that gives something a name.
+/// The declaration of a named part of a graph, such as a node or a parameter.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Symbol {
-    /// The file that contains the declaration, as a path without symbolic links and dots.
+    /// The file that contains the declaration, as a path without symbolic links and without `.` and `..`.
     pub file: PathBuf,
     pub sort: SymbolSort,
     pub name: String,
@@ -36,28 +36,28 @@ pub enum SymbolSort {
     Node,
     Parameter,
     Output,
-    /// A node type that `use` declares for a graph.
+    /// A node type that the section `use` declares for another graph.
     Type,
 }
 
-/// An occurrence of a name in a text, with the declaration to which it refers.
+/// An occurrence of a name in a text, and the declaration to which the name refers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NameOccurrence {
-    /// The position of the name itself, without quotes and adjacent text.
+    /// The span of the name itself, without quotes and without other text in the same literal.
     pub span: Span,
     pub symbol: Symbol,
     /// True if the occurrence is the declaration itself.
     pub is_declaration: bool,
-    /// True if the name is written as the name of a field.
+    /// True if the name is used as the name of a field, in which underscores replace hyphens.
     pub is_field: bool,
 }
 
-/// The names in a file, and the files of the graphs that the file uses. Files are given as paths without symbolic links and dots.
+/// The names in a file, and the files of the graphs that the file uses. Paths contain no symbolic links and no `.` or `..`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FileNames {
-    /// The names, in the order of their positions.
+    /// The occurrences of names, ordered by position.
     pub all: Vec<NameOccurrence>,
-    /// For each node type that `use` declares, the file of its graph.
+    /// For each node type that the section `use` declares, the file of its graph.
     pub types: HashMap<String, PathBuf>,
 }
 
@@ -82,7 +82,7 @@ pub fn names_in(path: &Path, text: &str, catalog: &Catalog, options: &Options) -
     FileNames { types: types.collect(), all: search.found }
 }
 
-/// Returns the names in the text of a test of the given graphs.
+/// Returns the names in the text of a test. `graphs` are the files of the tested graphs.
 pub fn names_in_test(
     text: &str,
     graphs: &[PathBuf],
@@ -101,7 +101,7 @@ pub fn names_in_test(
     FileNames { all: search.found, types: HashMap::new() }
 }
 
-/// Returns the names in the text of a sweep. The sweep is at `path`, which need not exist.
+/// Returns the names in the text of a sweep. `path` is the path of the sweep, which need not exist.
 pub fn names_in_sweep(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> FileNames {
     let (tree, _) = parse(text);
     let fields = tree.fields().unwrap_or_default();
@@ -119,7 +119,7 @@ pub fn names_in_sweep(path: &Path, text: &str, catalog: &Catalog, options: &Opti
     FileNames { all: search.found, types: HashMap::new() }
 }
 
-/// The declarations of a graph that other files can name.
+/// The names that a graph declares and to which other files can refer.
 struct UsedGraph {
     file: PathBuf,
     params: Vec<String>,
@@ -136,7 +136,7 @@ impl UsedGraph {
         }
     }
 
-    /// Returns the input or parameter that a field names.
+    /// Returns the input or parameter of the graph that corresponds to a field name.
     fn field(&self, field: &str) -> Option<Symbol> {
         let name = name_of(field);
         let sort = match () {
@@ -158,15 +158,15 @@ fn file_of(definition: &Definition) -> PathBuf {
     folder.join(source.name.file_name().unwrap_or_default())
 }
 
-/// The declarations of a graph, and those of the graphs that the graph uses.
+/// The names that a graph declares, and those that its used graphs declare.
 struct KnownNames {
     own: UsedGraph,
     nodes: Vec<String>,
     outputs: Vec<String>,
     types: HashMap<String, Arc<UsedGraph>>,
-    /// For each node, the graph that it uses.
+    /// For each node that uses a graph, that graph.
     uses: HashMap<String, Arc<UsedGraph>>,
-    /// The names of the nodes that are a `ForEach`.
+    /// The names of the nodes of type `ForEach`.
     repeated: HashSet<String>,
 }
 
@@ -210,7 +210,7 @@ impl KnownNames {
         known.then(|| self.symbol(SymbolSort::Node, name))
     }
 
-    /// Resolves the names in a link: a node, and an output of the graph that it uses.
+    /// Resolves the names in a link: the name of a node and, if the node uses a graph, the name of that graph's output.
     fn link(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
         let node = node_of_link(text);
         let mut found: Vec<_> =
@@ -223,7 +223,7 @@ impl KnownNames {
         found
     }
 
-    /// Resolves the names in the path of a value: `growth`, or `node.field`.
+    /// Resolves the names in the target of a value: `growth` for a parameter, or `node.field`.
     fn value(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
         if text.contains('.') {
             return self.node_path(text);
@@ -234,7 +234,7 @@ impl KnownNames {
         Vec::new()
     }
 
-    /// Resolves the names in `node.field`.
+    /// Resolves the names in a target `node.field`.
     fn node_path(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
         let node = node_of_link(text);
         let mut found: Vec<_> =
@@ -246,13 +246,13 @@ impl KnownNames {
         found
     }
 
-    /// Returns true if the path names a `ForEach` as a whole, and not one of its elements.
+    /// Returns true if the target `text` is in a `ForEach` as a whole, not in one of its elements.
     fn is_repeated(&self, text: &str) -> bool {
         self.repeated.contains(text.split('.').next().unwrap_or(text))
     }
 
-    /// Returns the part of the path `node.field` that begins with a field of the used graph. In a `ForEach`, `with` or `over.1` comes
-    /// before that field.
+    /// Returns the rest of the target `node.field` that begins with a field of the used graph. In a `ForEach`, the steps `with` or `over.1`
+    /// before that field are skipped.
     fn used_field_path<'t>(&self, text: &'t str) -> Option<&'t str> {
         let (_, way) = text.split_once('.')?;
         let groups = match way.split('.').next() {
@@ -269,7 +269,7 @@ impl KnownNames {
         Vec::from_iter(known.then(|| (0..text.len(), self.symbol(SymbolSort::Output, text))))
     }
 
-    /// Resolves a name in an expectation, which is that of an output or a link.
+    /// Resolves the name of a value in an expectation: an output of the graph, or a link.
     fn expected_value(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
         let output = self.output(text);
         if output.is_empty() { self.link(text) } else { output }
@@ -280,7 +280,7 @@ fn is_for_each(call: &Tree) -> bool {
     call.name().is_some_and(|name| name.text == "ForEach")
 }
 
-/// Returns the type of a node. For a `ForEach`, returns the type of its nodes.
+/// Returns the type of a node. For a `ForEach`, returns the repeated type.
 fn kind_of(call: &Tree) -> Option<Name> {
     let kind = call.name()?;
     if kind.text != "ForEach" {
@@ -290,7 +290,7 @@ fn kind_of(call: &Tree) -> Option<Name> {
     Some(Name { text: graph.value.text()?.to_owned(), span: graph.value.span })
 }
 
-/// Returns the entries of a section as pairs of key and value.
+/// Returns the entries of a section of a file as pairs of key and value.
 fn keys<'t>(fields: &'t [Field], section: &str) -> impl Iterator<Item = (&'t Tree, &'t Tree)> {
     let maps = fields.iter().filter(move |field| field.name.text == section);
     maps.flat_map(|field| entries_of(&field.value))
@@ -304,14 +304,14 @@ fn entries_of(map: &Tree) -> impl Iterator<Item = (&Tree, &Tree)> {
     entries.iter().map(|(key, value)| (key, value))
 }
 
-/// Collects the names in a text.
+/// Collects the occurrences of names in a text.
 struct Search<'t> {
     text: &'t str,
     found: Vec<NameOccurrence>,
 }
 
 impl Search<'_> {
-    /// Records the names in a literal. They are given by their ranges in the text of the literal.
+    /// Records the names in a literal. `of` returns the names and their byte ranges in the text of the literal.
     fn record(&mut self, literal: &Tree, of: impl FnOnce(&str) -> Vec<(Range<usize>, Symbol)>) {
         let Some(says) = literal.text() else { return };
         self.record_at(literal.span, says, of(says), false);
@@ -329,18 +329,18 @@ impl Search<'_> {
         named: Vec<(Range<usize>, Symbol)>,
         declares: bool,
     ) {
-        // A literal that has escapes contains no names.
+        // Skip a literal with escapes, because ranges of its text are not ranges of the file.
         let Some(start) = self.text[at.start..at.end].find(says) else { return };
         let start = at.start + start;
         for (range, symbol) in named {
-            // The name after a dot is that of a field or an output.
+            // A name after a dot is a field or an output.
             let is_field = says[..range.start].ends_with('.') && symbol.sort != SymbolSort::Output;
             let span = Span { start: start + range.start, end: start + range.end };
             self.found.push(NameOccurrence { span, symbol, is_declaration: declares, is_field });
         }
     }
 
-    /// Records the fields of a node that uses a graph.
+    /// Records the names of the fields of a node that uses the graph `inner`.
     fn fields(&mut self, call: &Tree, inner: &UsedGraph) {
         for Field { name, .. } in call.fields().unwrap_or_default() {
             let symbol = inner.field(&name.text);
@@ -363,7 +363,7 @@ impl Search<'_> {
             let Some(inner) = known.uses.get(node_of_link(text)) else { continue };
             match known.used_field_path(text) {
                 None if known.is_repeated(text) => self.for_each_fields(value, inner),
-                // The keys inside of the value are the fields.
+                // The keys of this value are field names of the used graph.
                 None | Some("") => self.fields(value, inner),
                 Some(_) => {}
             }
@@ -421,7 +421,7 @@ impl Search<'_> {
         }
     }
 
-    /// Records the fields of a `ForEach` whose nodes use a graph.
+    /// Records the field names in a `ForEach` whose repeated type is the graph `inner`.
     fn for_each_fields(&mut self, call: &Tree, inner: &UsedGraph) {
         for Field { name, value } in call.fields().unwrap_or_default() {
             match (&name.text[..], &value.kind) {
@@ -474,7 +474,7 @@ impl Search<'_> {
         }
     }
 
-    /// Records the names in an axis of a sweep. Targets whose names may occur in the names of files are added to `axis_names`.
+    /// Records the names in an axis of a sweep. Targets that the sweep may insert into names of files are added to `axis_names`.
     fn axis(&mut self, axis: &Tree, known: &KnownNames, axis_names: &mut HashSet<String>) {
         let items: &[Tree] = match &axis.kind {
             Kind::Call { body: Body::Items(items), .. } => items,
@@ -540,7 +540,7 @@ impl Search<'_> {
     }
 }
 
-/// Returns a path without symbolic links and dots. The file need not exist.
+/// Returns a path without symbolic links and without `.` and `..`. The file need not exist.
 pub fn resolve_path(path: &Path) -> PathBuf {
     folder_of(path).join(path.file_name().unwrap_or_default())
 }

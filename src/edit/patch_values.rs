@@ -1,5 +1,5 @@
-//! Values in a patch that set only a part of a value of the patched graph, such as an item of a list or the draft value of a field. A patch
-//! cannot name such a part, so the whole value is copied into the patch.
+//! Setting a part of a value in a patch, such as an item of a list or the draft value of a field. A patch cannot refer to such a part, so
+//! the whole value is copied from the patched graph into the patch.
 
 use maquette_graph::draft_value::{is_draft, is_side};
 use maquette_graph::element::target_in_file;
@@ -14,7 +14,7 @@ use maquette_syntax::{Kind, Tree, parse};
 use super::Editor;
 
 impl Editor<'_> {
-    /// Returns the edits that put a value at its target, and the previous value.
+    /// Returns the edits that set a value at its target in a graph or patch, and the previous value.
     pub(super) fn put_value(
         &self,
         text: &str,
@@ -32,7 +32,7 @@ impl Editor<'_> {
                 .map_err(|error| EditError { span: Span::default(), ..error })
         };
         let Some(part) = Part::find(&tree, target) else {
-            // A value that is missing has no items.
+            // A missing value has no items, so an item of it cannot be set.
             let error = in_graph().err().filter(|_| ends_at_item(target));
             return error.map_or_else(|| put(target, value), Err);
         };
@@ -52,7 +52,7 @@ impl Editor<'_> {
         Ok((splices, before))
     }
 
-    /// Returns the target with the names that the text, or the patched graph, contains; see [`target_in_file`].
+    /// Translates a target to the names that the text or the patched graph contains; see [`target_in_file`].
     pub(super) fn target_in_file(&self, text: &str, target: &str) -> Result<String, EditError> {
         let (tree, _) = parse(text);
         let patched = (is_patch(&tree) && target.contains('/')).then(|| self.patched_text(text));
@@ -63,7 +63,7 @@ impl Editor<'_> {
         }
     }
 
-    /// Returns the text of the graph that a patch makes.
+    /// Returns the text of the graph that results from a patch. `None` if the patch has errors.
     pub(super) fn patched_text(&self, text: &str) -> Option<String> {
         let options = Options { files: Files::Ignored, ..self.options.clone() };
         let (_, whole) = check_file(self.path, text.to_owned(), self.catalog, &options);
@@ -71,14 +71,14 @@ impl Editor<'_> {
     }
 }
 
-/// The innermost value on the path of a target that a patch can still name.
+/// The innermost value on the path of a target that a patch can set as a whole.
 struct Part<'t> {
-    /// The path of that value, by which the patch names it.
+    /// The path of that value, as a patch contains it.
     owner: String,
     tree: &'t Tree,
-    /// True if the value is a `Draft`, and the target names one of the sides of the `Draft`.
+    /// True if the value is a `Draft`, and the next step of the target is one of its sides, such as `draft`.
     is_draft_named: bool,
-    /// The path of the target, beginning inside of the draft side of the value.
+    /// The target, with the step `draft` inserted after the path of the value.
     of_draft: String,
 }
 
@@ -110,7 +110,7 @@ impl<'t> Part<'t> {
     }
 }
 
-/// Returns true if a patch has an entry for the fields of this value.
+/// Returns true if a patch already has an entry for the node or fields `owner`.
 fn has_entry(patch: &Tree, owner: &str) -> bool {
     let Some(Kind::Map(entries)) = field(patch, "nodes").map(|field| &field.value.kind) else {
         return false;
@@ -118,7 +118,7 @@ fn has_entry(patch: &Tree, owner: &str) -> bool {
     entries.iter().any(|(key, _)| key.text() == Some(owner))
 }
 
-/// Returns true if a target leads to an item of a list.
+/// Returns true if the last step of a target is the number of an item in a list.
 fn ends_at_item(target: &str) -> bool {
     target.rsplit_once('.').is_some_and(|(_, last)| !is_field_name(last))
 }

@@ -15,7 +15,7 @@ use maquette_syntax::{Body, Kind, Tree};
 
 use super::Editor;
 
-/// A text in a graph that refers to another part of the graph.
+/// A text in a graph file that refers to another part of the graph.
 #[derive(Clone, Debug)]
 pub struct Reference {
     /// The position of the literal that contains the reference.
@@ -23,22 +23,22 @@ pub struct Reference {
     /// The text of the literal, without its quotes.
     pub(crate) text: String,
     pub(crate) kind: ReferenceKind,
-    /// A description of the part that contains the reference: port `mask` of `spots`.
+    /// A description of the part that contains the reference, such as port `mask` of `spots`.
     pub(crate) by: String,
 }
 
 /// The kind of part to which a text refers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReferenceKind {
-    /// A node or an input.
+    /// A link to a node or an input.
     Link,
     Output,
     Parameter,
-    /// The parameters that an expression names.
+    /// An expression, which refers to the parameters in it.
     Expression,
 }
 
-/// All references in a graph, and the ports of its nodes.
+/// All references in a graph file, and the ports of its nodes.
 pub struct References {
     /// The references, in the order of their positions.
     pub(crate) all: Vec<Reference>,
@@ -78,7 +78,7 @@ impl References {
                 NodeKind::Use(_, graph) => {
                     known_ports.entry(node.to_owned()).or_insert_with(|| ports(&graph.fields));
                 }
-                // If the type of a node is unknown, each text that equals the name of a node is treated as a link.
+                // For a node of unknown type, treat each text that equals the name of a node as a link.
                 NodeKind::Unknown(_) => drop(unknown.insert(node.to_owned())),
                 NodeKind::Input
                 | NodeKind::Switch(_)
@@ -94,7 +94,7 @@ impl References {
             let guess = unknown.contains(name);
             search.node(name, node, guess);
             for group in ["links", "carry"] {
-                // If a `ForEach` has no elements, its links do not belong to any node.
+                // If a `ForEach` has no elements, no parsed node has its links, so search its call.
                 let is_each = node.name().is_some_and(|kind| kind.text == "ForEach");
                 if let Some(group) = field(node, group).filter(|_| is_each) {
                     search.node(name, &group.value, true);
@@ -146,12 +146,12 @@ impl References {
     }
 }
 
-/// Collects references.
+/// Collects the references in a graph file.
 struct Search<'t> {
     found: BTreeMap<Span, Reference>,
     /// The names of nodes and inputs.
     names: HashSet<&'t str>,
-    /// For each link, by its position, the port of the link.
+    /// For each link, the port at which it is, by the position of the link.
     links: HashMap<Span, String>,
 }
 
@@ -162,7 +162,7 @@ impl Search<'_> {
         self.found.entry(span).or_insert(Reference { span, text, kind, by });
     }
 
-    /// Adds the parameters that a `Param` or `Expr` names. Returns false for any other value.
+    /// If a value is a `Param` or `Expr`, adds the parameters in it and returns true. Returns false for any other value.
     fn add_computed(&mut self, name: &str, tree: &Tree) -> bool {
         for (call, kind) in
             [("Param", ReferenceKind::Parameter), ("Expr", ReferenceKind::Expression)]
@@ -175,7 +175,7 @@ impl Search<'_> {
         false
     }
 
-    /// Adds the parameters that the declaration of a parameter names.
+    /// Adds the parameters to which the declaration of a parameter refers.
     fn parameters(&mut self, name: &str, tree: &Tree) {
         if self.add_computed(name, tree) {
             return;
@@ -191,7 +191,7 @@ impl Search<'_> {
         }
     }
 
-    /// Adds the references in a part of a node. If `guess` is set, each text that equals the name of a node is treated as a link.
+    /// Adds the references in a node or a part of it. If `guess` is set, each text that equals the name of a node is treated as a link.
     fn node(&mut self, name: &str, tree: &Tree, guess: bool) {
         if self.add_computed(name, tree) {
             return;

@@ -1,4 +1,4 @@
-//! Moves nodes from one graph file to another: entries with their comments, paths, and values that replace parameters.
+//! Moves nodes from one graph file to another: moves their entries and comments, adapts paths, and replaces parameters by values.
 
 mod entries;
 mod fingerprint;
@@ -21,10 +21,10 @@ pub(super) use values::{ParameterValue, expression, substitution_splices};
 use super::Editor;
 
 impl Editor<'_> {
-    /// Parses a valid graph from which nodes are to be moved, and computes its fingerprints.
+    /// Parses a graph whose nodes are to be moved, and computes its fingerprints.
     ///
     /// # Errors
-    /// All errors of the graph.
+    /// All errors of the graph, if it is not valid.
     pub(super) fn load_valid(
         &self,
         text: &str,
@@ -44,7 +44,7 @@ impl Editor<'_> {
         known.flatten().zip(sides).ok_or_else(|| self.errors_of(text))
     }
 
-    /// Returns the errors of a graph from which nodes cannot be moved.
+    /// Returns the reasons why nodes of this graph cannot be moved: its errors, or an error if it is a patch.
     fn errors_of(&self, text: &str) -> Vec<Diagnostic> {
         let (tree, errors) = parse(text);
         if !errors.is_empty() {
@@ -59,7 +59,7 @@ impl Editor<'_> {
         self.fingerprints(text).err().unwrap_or_default()
     }
 
-    /// Returns the options with which a text is parsed without the files that its nodes read.
+    /// Returns options for parsing a graph without requiring the files that its nodes read.
     pub(super) fn reading_options(&self) -> Options {
         let Options { roots, texts, .. } = self.options.clone();
         Options { roots, texts, files: Files::Ignored, ..Options::default() }
@@ -79,7 +79,7 @@ pub(super) fn edit_error(
     EditError { code, span, message: message.into(), help: help.into() }
 }
 
-/// Returns a name that is not taken: the first of the `wanted` names that is free, or else the last of them with a number appended.
+/// Returns the first of the `wanted` names that is free. If none is free, appends a number to the last of them.
 pub(super) fn free_name(
     wanted: impl IntoIterator<Item = String>,
     number: impl Fn(&str, usize) -> String,

@@ -21,7 +21,7 @@ use super::{Edit, Editor};
 
 mod links;
 
-/// The text of a graph, parsed so that it can be edited.
+/// The text of a graph, parsed for edits of its structure.
 pub(super) struct Structure<'j> {
     editor: &'j Editor<'j>,
     text: &'j str,
@@ -29,14 +29,14 @@ pub(super) struct Structure<'j> {
     references: References,
 }
 
-/// The sections to whose entries other parts can refer, each with the word for one of its entries.
+/// The sections whose entries have names to which other parts can refer. Each has the word for one of its entries.
 const SECTIONS: [(&str, &str); 3] =
     [("nodes", "node"), ("inputs", "input"), ("params", "parameter")];
 
-/// An entry of a section, which has a name.
+/// An entry of a section of a graph file.
 struct NamedEntry<'t> {
     section: &'static str,
-    /// The map of the section that contains the entry.
+    /// The value of the section, which is a map.
     map: &'t Tree,
     /// The index of the entry in the section.
     index: usize,
@@ -44,7 +44,7 @@ struct NamedEntry<'t> {
     name: &'t str,
 }
 
-/// The parts of values to be removed. They are listed by the spans of the values that contain them.
+/// Parts to be removed: for each value, by its span, the value and the indices of its parts.
 type Removals<'t> = BTreeMap<Span, (&'t Tree, BTreeSet<usize>)>;
 
 fn edit_error(
@@ -57,7 +57,7 @@ fn edit_error(
 }
 
 impl<'j> Structure<'j> {
-    /// Parses a text so that it can be edited.
+    /// Parses the text of a graph for editing.
     ///
     /// # Errors
     /// The text is a patch or cannot be parsed.
@@ -100,7 +100,7 @@ impl<'j> Structure<'j> {
         matches!(value.kind, Kind::Map(_)).then_some(value)
     }
 
-    /// Finds the entry of the name `nose`, `nodes.nose` or `params.nose`.
+    /// Finds an entry by its name, such as `nose`, which may begin with its section: `nodes.nose` or `params.nose`.
     fn find_entry(&self, given: &str) -> Result<NamedEntry<'_>, EditError> {
         let (wanted, name) = match given.split_once('.') {
             Some((section, name)) => (Some(section), name),
@@ -142,7 +142,7 @@ impl<'j> Structure<'j> {
         })
     }
 
-    /// Returns the call of the node `name`. Fails if there is no such node.
+    /// Returns the call of the node `name`, or an error if there is no such node.
     fn node(&self, name: &str) -> Result<&Tree, EditError> {
         call_of(&self.tree, name).ok_or_else(|| {
             let nodes = entries(self.tree.fields().unwrap_or_default(), "nodes");
@@ -176,7 +176,7 @@ impl<'j> Structure<'j> {
         let fields = fields.iter().map(|(field, value)| format!("{field}: {value}"));
         let entry = format!("\"{name}\": {node}({})", Vec::from_iter(fields).join(", "));
         let after = after.map(|after| {
-            // The node after which the new one is inserted must exist.
+            // Report an error if the node of this name does not exist.
             self.node(after)?;
             let place = self.find_entry(&format!("nodes.{after}"))?;
             Ok::<_, EditError>(place.index)
@@ -190,7 +190,7 @@ impl<'j> Structure<'j> {
         })
     }
 
-    /// Formats an entry for an indentation. Uses the line ending that precedes the offset `at`.
+    /// Formats an entry at a given indentation. Uses the line ending before the byte offset `at`.
     fn entry_text(&self, entry: &str, indent: &str, at: usize) -> String {
         let columns = indent.chars().count();
         reindent(&format_entry(entry, columns), columns, indent, newline(self.text, at))
@@ -228,7 +228,7 @@ impl<'j> Structure<'j> {
         Ok(splices)
     }
 
-    /// Returns the names of the parameters.
+    /// Returns the names of the graph's parameters.
     fn parameters(&self) -> BTreeSet<&str> {
         match self.section("params").map(|params| &params.kind) {
             Some(Kind::Map(entries)) => entries.iter().filter_map(|(key, _)| key.text()).collect(),
@@ -236,10 +236,10 @@ impl<'j> Structure<'j> {
         }
     }
 
-    /// Returns the ranges in which an expression contains the renamed parameter.
+    /// Returns the byte ranges at which an expression contains the parameter to be renamed.
     ///
     /// # Errors
-    /// With the new name, the expression would have another meaning.
+    /// With the new name, the expression would change its meaning.
     fn renamed_ranges(
         &self,
         expression: &Reference,
@@ -260,7 +260,7 @@ impl<'j> Structure<'j> {
             name if name == from => to,
             name => name,
         });
-        // A minus sign before or after the new name would become a hyphen in a longer name.
+        // Next to a minus sign, the new name could be read as part of a longer name with a hyphen.
         if !in_old.eq(new.iter().map(|place| &new_text[place.clone()])) {
             let message = format!("this expression would change its meaning with the name `{to}`");
             let help = "put spaces around a minus sign";
@@ -269,11 +269,11 @@ impl<'j> Structure<'j> {
         Ok(places)
     }
 
-    /// Returns the edit that replaces ranges in the text of a literal by `new`.
+    /// Returns the edit that replaces byte ranges in the text of a literal by `new`.
     fn literal_splice(&self, span: Span, text: &str, places: &[Range<usize>], new: &str) -> Splice {
         let literal = &self.text[span.start..span.end];
         let Some(start) = literal.find(text) else {
-            // The literal contains escapes, so ranges of its text are not ranges of the file, and the whole literal is replaced.
+            // The literal contains escapes, so the ranges do not fit the file. Replace the whole literal.
             return (span, quote(&replace_ranges(text, places, new)));
         };
         let places = places.iter().map(|place| place.start + start..place.end + start);
@@ -318,7 +318,7 @@ impl<'j> Structure<'j> {
         if errors.is_empty() { Ok(self.removal_splices(&gone)) } else { Err(errors) }
     }
 
-    /// Marks for removal a reference to a part that is removed.
+    /// Marks a reference to a removed part for removal.
     fn remove_reference<'t>(
         &'t self,
         user: &Reference,
@@ -326,7 +326,7 @@ impl<'j> Structure<'j> {
     ) -> Result<(), EditError> {
         let holders = self.ancestors(user.span);
         match holders.get(..2) {
-            // An expectation or a promise can only be removed as a whole.
+            // Expectations and promises can only be removed as a whole.
             Some([(graph, field), (list, item)])
                 if graph.fields().is_some_and(|fields| {
                     matches!(&fields[*field].name.text[..], "expect" | "promises")
@@ -351,7 +351,7 @@ impl<'j> Structure<'j> {
         Ok(())
     }
 
-    /// Marks for removal a link of a node, or all links of a port.
+    /// Marks a link of a node for removal, or the whole field of a port with all its links.
     fn remove_link<'t>(
         &'t self,
         holders: &[(&'t Tree, usize)],
@@ -366,8 +366,8 @@ impl<'j> Structure<'j> {
         Ok(())
     }
 
-    /// If all links of a list are marked for removal, marks the whole list instead. Returns an error for each such list whose port requires
-    /// a link.
+    /// If all links of a list are marked for removal, marks the field of the list instead. Returns an error for each list whose port
+    /// requires a link.
     fn remove_empty_lists<'t>(&'t self, gone: &mut Removals<'t>) -> Vec<EditError> {
         let mut errors = Vec::new();
         let empty_lists: Vec<_> = gone
@@ -392,7 +392,7 @@ impl<'j> Structure<'j> {
         errors
     }
 
-    /// Fails if the port at the end of a path requires a link.
+    /// Returns an error if the port at the end of a path requires a link.
     fn check_not_required(&self, holders: &[(&Tree, usize)], span: Span) -> Result<(), EditError> {
         let [_, (nodes, entry), (call, field), inner @ ..] = holders else { return Ok(()) };
         let Kind::Map(entries) = &nodes.kind else { return Ok(()) };
@@ -406,7 +406,7 @@ impl<'j> Structure<'j> {
         let (port, is_needed) = match (&kind[..], inner) {
             ("ForEach", [.., (group, field)]) => {
                 let port = name_of(group, *field);
-                // The links determine which outputs are carried.
+                // The links in `carry` determine which outputs are carried, so they cannot be removed.
                 let is_needed = outer == "carry" || self.references.is_required(node, &port);
                 (port, is_needed)
             }
@@ -429,8 +429,8 @@ impl<'j> Structure<'j> {
         Err(edit_error(code::MISSING_FIELD, span, message, "link it to something else"))
     }
 
-    /// Returns the values that contain a span, from the outermost to the innermost. With each comes the index of its part that contains the
-    /// span. The innermost `Some` is skipped.
+    /// Returns the values around a span, outermost first, each with the index of its part that contains the span. A `Some(..)` directly
+    /// around the span is skipped.
     fn ancestors(&self, span: Span) -> Vec<(&Tree, usize)> {
         let mut holders = Vec::new();
         let mut tree = &self.tree;
@@ -503,7 +503,7 @@ fn is_named(expression: &str, parameters: &BTreeSet<&str>, name: &str) -> bool {
     places.into_iter().flatten().any(|place| &expression[place] == name)
 }
 
-/// Returns the error for an entry that cannot be removed, because something refers to it.
+/// Returns the error for an entry that cannot be removed, because another part refers to it.
 fn still_needed(section: &str, name: &str, user: &Reference) -> EditError {
     let message = format!("`{name}` cannot be removed: {} needs it", user.by);
     match section {
@@ -522,13 +522,13 @@ fn to_errors(error: EditError) -> Vec<EditError> {
     vec![error]
 }
 
-/// Returns the call of the node `node`, if `tree` has that node.
+/// Returns the call of the node `node` in the graph `tree`. `None` if there is no such node.
 fn call_of<'t>(tree: &'t Tree, node: &str) -> Option<&'t Tree> {
     let mut nodes = entries(tree.fields()?, "nodes");
     nodes.find(|(name, _)| *name == node).map(|(_, call)| call)
 }
 
-/// Returns the part that a value has at an index.
+/// Returns the part of a value at an index: an item, an entry's value or a field's value.
 fn child(tree: &Tree, index: usize) -> &Tree {
     match &tree.kind {
         Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => &items[index],
@@ -542,7 +542,7 @@ fn mark_removed<'t>(gone: &mut Removals<'t>, tree: &'t Tree, index: usize) {
     gone.entry(tree.span).or_insert_with(|| (tree, BTreeSet::new())).1.insert(index);
 }
 
-/// Replaces ranges in a text by `new`.
+/// Replaces byte ranges in a text by `new`. The ranges must be in order.
 fn replace_ranges(text: &str, places: &[Range<usize>], new: &str) -> String {
     let mut result = text.to_owned();
     for place in places.iter().rev() {
@@ -551,7 +551,7 @@ fn replace_ranges(text: &str, places: &[Range<usize>], new: &str) -> String {
     result
 }
 
-/// Fails if the text cannot be a name.
+/// Returns an error if a text is not a valid name for a node, an input or a parameter.
 pub(crate) fn check_name(name: &str, what: &str) -> Result<(), EditError> {
     if is_name(name) {
         return Ok(());
@@ -561,7 +561,7 @@ pub(crate) fn check_name(name: &str, what: &str) -> Result<(), EditError> {
     Err(edit_error(code::BAD_NAME, Span::default(), message, help))
 }
 
-/// Returns true if a word can be the name of a type or a field.
+/// Returns true if a word can be the name of a type or of a field.
 fn is_field_name(word: &str) -> bool {
     word.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
         && word.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')

@@ -2,8 +2,8 @@
 //! the order of entries, or fields that equal their defaults.
 //!
 //! The canonical form is a [`Tree`] without positions. Fields and entries are sorted by name, `1` and `1.0` are equal, and a list that
-//! could be a tuple is a tuple. A link is a bare word that contains quotes, which cannot occur in a file. The word omits `.output` if that
-//! is the first output of the node.
+//! could be a tuple is a tuple. A link is stored as a bare word that includes quotes, which no bare word of a file contains. A link to the
+//! first output of a node omits `.output`.
 
 use std::collections::HashMap;
 
@@ -23,7 +23,7 @@ use super::repeat::DEFAULT_MAX_ELEMENTS;
 use crate::catalog::{Catalog, Entry};
 use crate::tree::{entries, show};
 
-/// The fields of a graph that have no meaning while they are empty.
+/// Fields at the top level of a graph file that the canonical form omits if they are empty.
 pub const OMITTABLE_FIELDS: [&str; 5] = ["doc", "packs", "use", "params", "expect"];
 
 /// The sections of a graph whose entries have names. Each is a pair of the field name of the section, such as `params`, and the word for
@@ -38,18 +38,18 @@ pub(super) const SECTIONS: [(&str, &str); 5] = [
 
 /// The canonical form of a graph.
 pub(super) struct CanonicalGraph {
-    /// The fields of the graph that are not sections, including the name of its call.
+    /// The top-level fields of the graph file that are not sections. If the file does not begin with `Graph`, its type is one more item.
     pub(super) rest: Vec<Item>,
     /// The entries of each section, in the order of [`SECTIONS`].
     pub(super) sections: [Vec<Item>; SECTIONS.len()],
 }
 
-/// An entry of a section, or a field of the graph itself.
+/// An entry of a section of the graph file, or another top-level field.
 #[derive(Clone)]
 pub(super) struct Item {
     pub(super) name: String,
     pub(super) value: Tree,
-    /// The value, with its numbers in the units that are written in the file.
+    /// The value as the file contains it: its numbers keep the units in which they are written.
     written: Tree,
 }
 
@@ -71,7 +71,7 @@ impl Item {
     }
 }
 
-/// Returns true if a number of this value is written with a unit.
+/// Returns true if a number in `written`, the value as the file contains it, has a unit.
 fn has_units(written: &Tree, value: &Tree) -> bool {
     fn any_has_units(a: &[Tree], b: &[Tree]) -> bool {
         a.len() == b.len() && a.iter().zip(b).any(|(a, b)| has_units(a, b))
@@ -139,7 +139,7 @@ impl CanonicalGraph {
                 };
                 let count = seen.entry(name).or_default();
                 *count += 1;
-                // A duplicate name is an error, but both entries are compared here.
+                // Duplicate names are reported elsewhere. Number them here, so that both entries take part in comparisons.
                 let name = if *count == 1 { name.to_owned() } else { format!("{name} ({count})") };
                 Item { name, value, written }
             });
@@ -161,7 +161,7 @@ fn canonical_declaration(tree: &Tree) -> Tree {
     said
 }
 
-/// Returns the type of each node; empty for an input.
+/// Returns the type of each node of a graph, by the node's name. Inputs are included, with an empty text as their type.
 fn kinds(fields: &[Field]) -> HashMap<String, String> {
     let inputs = entries(fields, "inputs").map(|(name, _)| (name.to_owned(), String::new()));
     let nodes = entries(fields, "nodes").map(|(name, node)| {
@@ -179,7 +179,7 @@ fn bare_name(name: &Name) -> Name {
     Name { text: name.text.clone(), span: Span::default() }
 }
 
-/// Returns the canonical form of a value whose schema is unknown.
+/// Returns the canonical form of a value whose schema is unknown. No text in the value is treated as a link.
 pub fn canonical_value(tree: &Tree) -> Tree {
     canonical_with(tree, &|text| Kind::Text(text.to_owned()))
 }
@@ -193,7 +193,7 @@ fn canonical_with(tree: &Tree, text: &dyn Fn(&str) -> Kind) -> Tree {
         Kind::Text(content) => text(content),
         Kind::List(items) => Kind::List(canonical_values(items, text)),
         Kind::Map(entries) => {
-            // The keys of a map are not links.
+            // Only the values of a map are links, not its keys.
             sorted_map(
                 entries
                     .iter()
@@ -235,7 +235,7 @@ fn sorted_map(mut entries: Vec<(Tree, Tree)>) -> Kind {
     Kind::Map(entries)
 }
 
-/// Returns true if the value of a field, which must not contain links, equals the default of the field.
+/// Returns true if the value of a field equals the field's default. The value must not contain links.
 pub fn is_default(tree: &Tree, schema: &Json, root: &Json, catalog: &Catalog) -> bool {
     let kinds = HashMap::new();
     let reader = Canonicalizer { catalog, graphs: &[], kinds: &kinds };
@@ -244,7 +244,7 @@ pub fn is_default(tree: &Tree, schema: &Json, root: &Json, catalog: &Catalog) ->
 
 struct Canonicalizer<'a> {
     catalog: &'a Catalog,
-    /// The used graphs that could be read.
+    /// The graphs that this graph uses as nodes, except for those whose files could not be read.
     graphs: &'a [Subgraph],
     kinds: &'a HashMap<String, String>,
 }
@@ -271,8 +271,8 @@ impl Canonicalizer<'_> {
         built_in.or_else(|| Some(self.graph(kind)?.schema()))
     }
 
-    /// Returns the canonical form of the fields of an element of a `ForEach`, or of its `with`. A default is omitted, unless `kept` has the
-    /// same field.
+    /// Returns the canonical form of the fields in `tree`: those of one element of a `ForEach`, or those in `with`, which all elements
+    /// share. A field with its default value is omitted, unless `kept` contains a field of the same name.
     fn fields_of_element(&self, tree: &Tree, schema: Option<&Json>, kept: &[Field]) -> Tree {
         let Some(schema) = schema.filter(|_| tree.fields().is_some()) else {
             return self.links(tree);
@@ -280,7 +280,7 @@ impl Canonicalizer<'_> {
         let tree = in_plain_numbers(tree, schema);
         let fields = tree.fields().unwrap_or_default().iter().filter_map(|field| {
             let one = self.fields(std::slice::from_ref(field), schema, schema);
-            // An element must state a default explicitly if `with` gives the field another value.
+            // An element must state a default explicitly if `with` sets the field to another value.
             let is_kept = kept.iter().any(|it| it.name.text == field.name.text);
             match one {
                 Body::Fields(mut fields) => fields.pop(),
@@ -302,7 +302,7 @@ impl Canonicalizer<'_> {
                 ("over", Kind::List(elements)) => bare(Kind::List(
                     elements.iter().map(|it| self.fields_of_element(it, schema, kept)).collect(),
                 )),
-                // The texts in these fields name a type, an input and a parameter, never a node.
+                // The texts in these fields are the names of a type, an input and a parameter, not links to nodes.
                 ("graph" | "each" | "number", _) => canonical_value(&field.value),
                 _ => self.links(&field.value),
             };
@@ -352,14 +352,15 @@ impl Canonicalizer<'_> {
         sorted_body(kept.collect())
     }
 
-    /// Returns the value that an omitted field has. The value is broken if it is computed from other fields.
+    /// Returns the default value of a field. A default that is computed from other fields is unknown, and is returned as broken.
     fn default(&self, schema: &Json, root: &Json) -> Tree {
         if schema.get("derives").is_some() {
             return bare(Kind::Broken);
         }
         fn default_tree(default: &Json, schema: &Json) -> Tree {
             match default {
-                // The choices of a graph's own parameters may be written in lower case.
+                // The default of a choice is a word. `as_tree` would make it a text if it begins with a lower-case letter, as in parameters
+                // of graphs.
                 Json::String(word) if schema.get("enum").is_some() => {
                     bare(Kind::Word(word.clone()))
                 }
@@ -437,7 +438,7 @@ impl Canonicalizer<'_> {
         })
     }
 
-    /// Returns the canonical form of the content of a choice.
+    /// Returns the canonical form of the content of a choice, such as the fields after `Near` in `Near(distance: 2.0)`.
     fn choice(&self, tree: &Tree, name: &Name, content: &Json, root: &Json) -> Kind {
         let content = resolve(root, content);
         let body = match &tree.kind {
@@ -490,7 +491,7 @@ pub(super) fn has_link(tree: &Tree) -> bool {
     }
 }
 
-/// Renames nodes in links, and parameters in `Param` and `Expr`.
+/// Renames nodes in links, and parameters in `Param` and `Expr`. The functions return the new name, or `None` to keep the old one.
 pub(super) fn rename(
     tree: &Tree,
     node: &dyn Fn(&str) -> Option<String>,
@@ -532,7 +533,7 @@ pub(super) fn rename(
     })
 }
 
-/// Renames the parameters that an expression names.
+/// Renames parameters in the text of an expression.
 fn rename_in_expression(text: &str, new: &dyn Fn(&str) -> Option<String>) -> String {
     let names = named_parameters(text, &|name| new(name).is_some()).unwrap_or_default();
     let mut result = text.to_owned();

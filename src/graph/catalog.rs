@@ -39,7 +39,7 @@ pub struct Code {
     pub pack: &'static str,
     /// The id of the pack's build; empty if the id is unknown.
     pub build: &'static str,
-    /// The addresses of the pack's functions, which identify the code if the build has no id.
+    /// The addresses of the pack's functions. They identify the code if the build has no id.
     pub others: Vec<usize>,
 }
 
@@ -86,7 +86,7 @@ impl Entry {
         })
     }
 
-    /// Returns the schema after its references have been resolved by [`merged`], for callers that navigate in it often.
+    /// Returns the schema with its references resolved by [`merge_references`], which is faster for repeated look-ups.
     pub(crate) fn merged_schema(&self) -> &Json {
         self.merged_schema.get_or_init(|| merge_references(self.schema()))
     }
@@ -96,7 +96,7 @@ impl Entry {
         (self.node.carries)()
     }
 
-    /// Returns the degree to which the node's results agree between machines and builds.
+    /// Returns how closely the results of the node agree between machines and builds.
     pub fn exactness(&self) -> Exactness {
         self.node.exactness
     }
@@ -146,7 +146,7 @@ impl Entry {
     }
 }
 
-/// The error for a value that cannot be stored in any format with this extension.
+/// The error for a value that no file format with this extension can store.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no `.{ending}` file holds a value of the type {kind}; it can be written to: {}", known.join(", "))]
 struct NoFormat {
@@ -155,7 +155,7 @@ struct NoFormat {
     known: Vec<&'static str>,
 }
 
-/// Returns true if `fits` accepts a name or a description in a schema.
+/// Returns true if `fits` accepts a property name or a description in a JSON schema.
 fn has_text(schema: &Json, fits: &impl Fn(&str) -> bool) -> bool {
     let is_text = |value: &Json| value.as_str().is_some_and(fits);
     match schema {
@@ -205,7 +205,7 @@ impl Catalog {
         Self { entries, values, formats, readers, code, migrations, recipes }
     }
 
-    /// Returns the identities of the packs' code, in the order of the packs.
+    /// Returns the identity of each pack's code, in the order of the packs.
     pub fn code(&self) -> &[Code] {
         &self.code
     }
@@ -302,7 +302,7 @@ impl Catalog {
         self.entries.get(name).map(|entry| &**entry)
     }
 
-    /// Returns the entry of a node type, as a shared reference.
+    /// Returns the entry of a node type as a shared reference. `None` if no pack defines the type.
     pub(crate) fn find_shared(&self, name: &str) -> Option<Arc<Entry>> {
         self.entries.get(name).cloned()
     }
@@ -357,7 +357,7 @@ impl Catalog {
         self.formats.iter().find(|format| (format.kind)() == kind && format.extension == ending)
     }
 
-    /// Returns a format that writes files with this extension, for whatever type of value.
+    /// Returns a format that writes files with this extension, for any type of value.
     pub(crate) fn any_format(&self, ending: &str) -> Option<&Format> {
         self.formats.iter().find(|format| format.extension == ending)
     }
@@ -395,7 +395,7 @@ impl Catalog {
                 entry
                     .outputs()
                     .first()
-                    // An output with several types takes the type of the input.
+                    // An output with several possible types has the type of the node's input, so it is not a conversion.
                     .is_some_and(|output| output.types.len() == 1 && output.types[0].name == to)
                     && entry
                         .ports()
@@ -407,7 +407,7 @@ impl Catalog {
     }
 }
 
-/// Adds the key `"endings"` to each file field of a schema. It lists the extensions of the files that can be read as the type in `"reads"`.
+/// Adds the key `"endings"` to each file field of a schema: the extensions of the files that can be read as the type in `"reads"`.
 fn add_extensions(schema: &mut Json, readers: &Readers) {
     let fields = schema.get_mut("properties").and_then(Json::as_object_mut);
     for field in fields.into_iter().flat_map(|fields| fields.values_mut()) {

@@ -1,4 +1,4 @@
-//! The state of the check of one file. Each step of the check adds diagnostics to it.
+//! The state of the check of one graph file. Each step of the check adds diagnostics to the state.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -8,20 +8,20 @@ use maquette_syntax::{Help, LocalDiagnostic, SourceMap, UncertainParts};
 
 use crate::world::World;
 
-/// The check of one file: its context, and the diagnostics found so far.
+/// The check of one graph file: its context, and the diagnostics found so far.
 pub struct Check<'w, 'a> {
     pub(super) world: &'w mut World<'a>,
     pub(super) source_map: Arc<SourceMap>,
-    /// The uses of graphs that lead to the file, from the outermost one.
+    /// The path from the root graph to this file: each item is a node that uses the next graph. Empty for the root graph.
     pub(super) uses: Vec<Use>,
     pub(super) diagnostics: Vec<LocalDiagnostic>,
-    /// The number of links that were followed one after the other.
+    /// The number of links that have been followed one after the other, for the detection of endless chains.
     pub(super) depth: usize,
-    /// The packs that the file needs and the program lacks, with their versions.
+    /// The packs that the file requires and this program does not have, with their versions.
     pub(super) missing_packs: Vec<String>,
-    /// Invalid names. No further errors about these names are reported.
+    /// Names that have been reported as invalid. No further errors about them are reported.
     pub(super) misnamed: HashSet<String>,
-    /// The parts of a text with syntax errors that may have been misread.
+    /// If the file has syntax errors: the parts of it that the parser may have misread because of them.
     pub(super) doubts: Option<UncertainParts>,
 }
 
@@ -32,7 +32,7 @@ impl<'w, 'a> Check<'w, 'a> {
         Self { world, source_map, uses, diagnostics, depth: 0, missing_packs, misnamed, doubts }
     }
 
-    /// Returns true for the graph's own file, and false for the files of graphs that it uses.
+    /// Returns true for the file of the root graph, and false for the files of graphs that it uses.
     pub(super) fn is_root(&self) -> bool {
         self.uses.is_empty()
     }
@@ -59,7 +59,7 @@ impl<'w, 'a> Check<'w, 'a> {
         self.diagnostics.push(LocalDiagnostic { code, span, message, help, note });
     }
 
-    /// Returns a suggestion, unless there are already more diagnostics than will be shown. Each suggestion compares many names.
+    /// Returns the suggestion that `make` computes by comparing many names. Skips the work if enough diagnostics are known already.
     pub(super) fn guess(&self, make: impl FnOnce() -> Help) -> Help {
         let known = self.world.diagnostics.len() + self.diagnostics.len();
         if known < MAX_REPORTED { make() } else { Help::default() }

@@ -11,7 +11,7 @@ use super::parameters::{Parameters, ResolvedValue, is_computed};
 
 /// Resolves the values in the fields of a call.
 struct Resolver<'a> {
-    /// The parameters. Without them, `Param` and `Expr` are left as they are.
+    /// The parameters of the graph. If `None`, `Param` and `Expr` are not replaced.
     parameters: Option<&'a Parameters>,
     /// The node type whose fields are resolved. `None` if a parameter is resolved.
     owner: Option<&'a str>,
@@ -19,7 +19,7 @@ struct Resolver<'a> {
 }
 
 impl Parameters {
-    /// Replaces every `Param`, `Expr` and number with a unit in the call of a node by its value. A part that has no value becomes broken.
+    /// Replaces every `Param`, `Expr` and number with a unit in the call of a node by its value. A part without a value becomes broken.
     pub(super) fn resolve_call(
         &self,
         tree: &Tree,
@@ -43,8 +43,8 @@ pub fn in_plain_numbers(tree: &Tree, schema: &Json) -> Tree {
     fitting.value(tree, Some(ExpectedValue::for_node("", schema)))
 }
 
-/// Converts the numbers with units in a list of calls to plain numbers. Each call is one of the choices of the schema. A value in a wrong
-/// unit becomes broken.
+/// Converts the numbers with units in a list of calls to plain numbers. The schema lists the possible calls. A number with a wrong unit
+/// becomes broken.
 pub(super) fn calls_in_plain_numbers(
     list: &Tree,
     schema: &Json,
@@ -173,7 +173,7 @@ impl Resolver<'_> {
             };
             let whole = value.fract() == 0.0;
             let number = Tree { kind: Kind::Number { value, whole }, ..tree.clone() };
-            // Without an exponent, the text of a number may have hundreds of digits.
+            // Without an exponent, the text of a large number may have hundreds of digits.
             let number_in_words =
                 if value.abs() < 1e16 { value.to_string() } else { format!("{value:e}") };
             let words = format!("`{}({number_in_words})`", name.text);
@@ -225,7 +225,7 @@ impl Resolver<'_> {
         Tree { kind, ..tree.clone() }
     }
 
-    /// Resolves `cm(1, 2, 3)` to `(cm(1), cm(2), cm(3))`. An error that all numbers have in common is reported once.
+    /// Resolves `cm(1, 2, 3)` to `(cm(1), cm(2), cm(3))`. An error that applies to all numbers is reported once.
     fn tuple(
         &mut self,
         tree: &Tree,
@@ -242,7 +242,7 @@ impl Resolver<'_> {
         }
         let mut fitted = Vec::with_capacity(items.len());
         for (index, item) in items.iter().enumerate() {
-            // If there are too many numbers, the check of the whole value reports it.
+            // Superfluous numbers are reported by the check of the whole value.
             let Some(expected) = expected.item(index) else { break };
             let value = Tree { span: tree.span, ..item.clone() };
             let words = format!("`{name}(..)`");
@@ -293,7 +293,7 @@ impl Resolver<'_> {
         self.wrong_unit(&resolved, message, help)
     }
 
-    /// Converts a value to the unit of its field. If the unit is not known, the plain numbers are kept.
+    /// Converts a value to the unit of its field. If the field has no known unit, or the value has no unit, the numbers are unchanged.
     fn fit(&mut self, resolved: ResolvedValue, expected: &ExpectedValue<'_>) -> Tree {
         let ResolvedValue { value, unit, words, .. } = &resolved;
         let (Some(wanted), false) = (expected.unit.as_deref().and_then(Unit::read), unit.is_pure())
@@ -346,7 +346,7 @@ impl Resolver<'_> {
     }
 }
 
-/// Returns a note that the value was set by `--set`.
+/// Returns a note that the value was set by the command-line option `--set`. `None` for all other values.
 fn origin_note(tree: &Tree) -> Option<(Span, String)> {
     match &tree.origin {
         Some(Origin::Set(text)) => Some((tree.span, format!("set by `--set {text}`"))),
@@ -371,7 +371,7 @@ fn scale_numbers(tree: &Tree, scale: &mut impl FnMut(f64) -> f64) -> Tree {
     Tree { kind, ..tree.clone() }
 }
 
-/// Returns true if no part of a value needs to be resolved.
+/// Returns true if a value contains no `Param`, `Expr`, `Draft`, number with a unit, or `-0.0`, all of which must be resolved.
 fn is_plain(tree: &Tree) -> bool {
     match &tree.kind {
         Kind::Call { name: Some(name), body } => {

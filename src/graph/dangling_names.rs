@@ -1,5 +1,5 @@
-//! Error messages for names that do not exist. Some contain a number of an element that is too large; others refer to a node inside of a
-//! used graph. `inspect` shows names of the latter kind, but links and expectations can only name outputs.
+//! Error messages for names that do not exist in a graph. In some names, such as `spots/9`, the number of the element is too large. Other
+//! names refer to a node inside of a used graph: `inspect` shows these names, but links and expectations can only refer to outputs.
 
 use maquette_syntax::{Help, nearest_or_all, unknown_name_message};
 
@@ -11,7 +11,7 @@ use super::link::{NamedTarget, Names};
 use crate::definition::{NodeKind, ParsedNode};
 
 impl Check<'_, '_> {
-    /// Returns the message and help for a link to a node whose name contains `/`. `None` if there is no specific message.
+    /// Returns the message and help for a link to an unknown node whose name contains `/`. `None` if no special message applies.
     pub(super) fn dangling_link(
         &self,
         link: &str,
@@ -54,7 +54,7 @@ impl Check<'_, '_> {
     }
 }
 
-/// Returns the message and help for a link to a node inside of the graph that a node uses.
+/// Returns the message and help for a link that refers to a node inside of a used graph. Only the outputs of a used graph can be linked.
 fn inside_use_message(link: &str, node: &str, kind: &str, graph: &Definition) -> (String, Help) {
     let (name, wanted) = link.split_once('.').map_or((link, None), |(name, it)| (name, Some(it)));
     let message =
@@ -78,12 +78,12 @@ fn inside_use_message(link: &str, node: &str, kind: &str, graph: &Definition) ->
     (message, help.into())
 }
 
-/// Returns the index of the element with this number. `None` if there are fewer elements.
+/// Returns the index, from 0, of the element with this number, from 1. `None` if there are fewer elements.
 fn element_index(number: &str, count: usize) -> Option<usize> {
     number.parse::<usize>().ok()?.checked_sub(1).filter(|place| *place < count)
 }
 
-/// Returns the message and help for an element that does not exist.
+/// Returns the message and help for an element number that is too large.
 pub(super) fn missing_element(name: &str, each: &str, count: usize) -> (String, Help) {
     let message = format!("there is no `{name}`: {}", element_count_text(each, count));
     let help = match count {
@@ -104,7 +104,8 @@ pub(super) fn element_count_text(each: &str, count: usize) -> String {
 }
 
 impl Graph {
-    /// Returns a message of one line for an unknown name. It contains the number of elements or a suggestion.
+    /// Returns a one-line message for an unknown name. It ends with the number of elements that exist, or with a suggestion of a similar
+    /// name.
     pub fn unknown(&self, what: &str, name: &str, listed: &str, known: &[&str]) -> String {
         let message = format!("the graph has no {what} `{name}`");
         match self.element_count_help(name) {
@@ -113,12 +114,12 @@ impl Graph {
         }
     }
 
-    /// Returns the help for the unknown name of a value.
+    /// Returns the help for a name that is not an output or a node of the graph.
     pub fn value_help(&self, name: &str) -> String {
         if let Some(count) = self.element_count_help(name) {
             return count;
         }
-        // A name inside of a use is compared with the other names inside of it.
+        // Compare a name inside of a used graph, such as `nose/maks`, only with the other names inside of that graph.
         let outer = name.split_once('/').map(|(outer, _)| format!("{outer}/"));
         let outer = outer.filter(|outer| self.node_names().any(|name| name.starts_with(outer)));
         let known = self.output_names().chain(self.node_names()).filter(|name| match &outer {
@@ -128,7 +129,7 @@ impl Graph {
         nearest_or_all(name, "its outputs and nodes", &Vec::from_iter(known)).into()
     }
 
-    /// If the name contains a number of an element that is too large, returns a sentence that states the number of elements.
+    /// If the name contains an element number that is too large, returns a sentence that states the number of elements. Otherwise `None`.
     fn element_count_help(&self, name: &str) -> Option<String> {
         let name = name.split('.').next().unwrap_or_default();
         let slashes = name.match_indices('/').map(|(at, _)| (&name[..at], &name[at + 1..]));

@@ -1,4 +1,4 @@
-//! Declarations of parameters: type, default and range.
+//! Declarations of a graph's parameters: type, default and range.
 
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Body, Help, Kind, LocalDiagnostic, Origin, Tree, nearest, nearest_or_all};
@@ -11,7 +11,7 @@ use super::constants::declaration_in_own_unit;
 pub(super) const TYPES: [&str; 7] =
     ["Number", "Integer", "Toggle", "Color", "Text", "Choice", "Vector"];
 
-/// Returns the names of the fields that the declaration of a parameter of the type `kind` can have.
+/// Returns the names of the fields that the declaration of a parameter of this type can have.
 pub(super) fn fields_of(kind: &str) -> &'static [&'static str] {
     match kind {
         "Number" | "Integer" | "Vector" => &["default", "doc", "min", "max", "unit"],
@@ -26,9 +26,9 @@ pub struct Declaration {
     pub name: String,
     kind: String,
     pub(crate) default: Tree,
-    /// The values for final results and for drafts, if the default is a `Draft`.
+    /// If the default is a `Draft`: the value for final results, then the value for drafts.
     pub(super) sides: Option<[Tree; 2]>,
-    /// True if the default is computed from other parameters.
+    /// True if the default is an expression of other parameters.
     pub(super) is_derived: bool,
     min: Option<f64>,
     max: Option<f64>,
@@ -40,7 +40,7 @@ pub struct Declaration {
 }
 
 impl Declaration {
-    /// Reads a declaration. `None` if it has no type or no default.
+    /// Reads the declaration of a parameter. Returns `None` if the declaration has no type or no default.
     pub(crate) fn read(
         name: &str,
         tree: &Tree,
@@ -85,7 +85,7 @@ impl Declaration {
             unit_span: Span::default(),
             doc: String::new(),
         };
-        // After an error, the default is not checked.
+        // Set to false by the first error, because then the default is not checked.
         let mut is_whole = true;
         let (mut has_default, mut has_choices) = (false, declaration.kind != "Choice");
         for field in tree.fields().unwrap_or_default() {
@@ -299,7 +299,7 @@ impl Declaration {
     }
 }
 
-/// The schema has the form of the schema of a built-in node's field, so that the same code checks and documents uses of the graph.
+/// Schema of a parameter. It has the form of the schema of a built-in node's field, so that the same code checks and documents both.
 impl Declaration {
     fn number_schema(&self, kind: &str) -> Json {
         let mut schema = json!({ "type": kind });
@@ -345,7 +345,7 @@ impl Declaration {
     }
 }
 
-/// Returns true if a text can be written without quotes.
+/// Returns true if the text is a valid bare word, which needs no quotes.
 fn is_word(text: &str) -> bool {
     text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
         && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')

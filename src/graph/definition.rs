@@ -1,4 +1,4 @@
-//! The definition of a graph by its file, checked once for all uses.
+//! The definition of a graph in its file. It is checked once, for all nodes that use the graph.
 
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ use crate::flat::Lineage;
 use crate::parameters::is_parametric;
 use crate::recipe::Recipe;
 
-/// Required properties, each with its position in the file.
+/// Properties that a graph requires of an input, such as `Closed`, each with its position in the file.
 pub(super) type Wants = Vec<(&'static str, Span)>;
 
 /// A graph as its file defines it, checked with the default values of its parameters.
@@ -32,26 +32,26 @@ pub struct Definition {
     /// The declarations of the parameters, with their default values.
     pub declared: Vec<Declaration>,
     pub(super) defaults: Parameters,
-    /// The inputs of the graph, as many as `inputs`, followed by its nodes.
+    /// The inputs of the graph, followed by its nodes. The number of inputs is `inputs`.
     pub parsed_nodes: Vec<ParsedNode>,
     pub inputs: usize,
     /// The indices of the nodes, ordered so that each node comes after those on which it depends.
     pub order: Vec<usize>,
     pub for_each_nodes: Vec<ForEachNode>,
-    /// The outputs, if other graphs use this graph. Otherwise the outputs are files, which are stored in [`ParsedFile`].
+    /// The outputs to which other graphs can link. The root graph instead has output files, which are stored in [`ParsedFile`].
     pub ports: Vec<Port>,
-    /// The required properties of each input.
+    /// For each input, the properties that the graph requires of it.
     pub wants: Vec<Wants>,
-    /// The expectations of the graph, which must hold wherever the graph is used.
+    /// The conditions in the file on the graph's values. Each node that uses the graph must satisfy them.
     pub(super) expect: Vec<BoundExpectation>,
-    /// The schema of the inputs and parameters, under their names.
+    /// The JSON schema of the inputs and parameters, under their own names.
     pub(super) schema: Json,
-    /// The schema of the inputs and parameters, under the names of fields: underscores replace hyphens.
+    /// The JSON schema of the inputs and parameters, under their field names, in which underscores replace hyphens.
     pub fields: Json,
 }
 
 impl Definition {
-    /// Returns true if the graph is a patch of another graph.
+    /// Returns true if the graph is defined as a patch of another graph.
     pub fn is_patched(&self) -> bool {
         !self.source_map.parts.is_empty()
     }
@@ -67,7 +67,7 @@ impl Definition {
         self.defaults.derived_parameters().map(|(name, _)| name).collect()
     }
 
-    /// Returns the exactness of the graph's results, the agreement between machines: it is that of its least exact node.
+    /// Returns how closely the graph's results agree between machines. This is the exactness of its least exact node.
     pub(super) fn exactness(&self) -> Exactness {
         self.parsed_nodes
             .iter()
@@ -80,32 +80,33 @@ impl Definition {
     }
 }
 
-/// An output of a graph that other graphs use.
+/// An output of a graph to which other graphs can link.
 pub struct Port {
     pub name: String,
-    /// The index of the node, and the index of the node's output. `None` if the link is wrong.
+    /// The index of the node, and the index of the node's output. `None` if the link in the file is invalid.
     pub(super) target: Option<(usize, usize)>,
     pub kind: Option<&'static ValueType>,
-    /// The values from outside of the graph on which the output depends.
+    /// The inputs of the graph, and the other values from outside of it, on which the output depends.
     pub(super) lineage: Arc<Lineage>,
     /// The position of the output's name in the file.
     pub(super) span: Span,
 }
 
-/// A node type that `use` declares for a graph: its name, and the graph's definition if the file could be read.
+/// A node type that the section `use` of a graph declares: its name, and its definition. The definition is `None` if the file is
+/// unreadable.
 pub(super) struct UsedGraph {
     pub(super) name: String,
     pub(super) definition: Option<Arc<Definition>>,
 }
 
-/// A parsed file, with the data that exists only for the graph's own file.
+/// A parsed graph file, with the data that exists only for the root graph.
 pub struct ParsedFile {
     pub definition: Definition,
-    /// The output files, each with the index of its node.
+    /// The output files, each with the index of the node that computes its content.
     pub(crate) outputs: Vec<GraphOutput>,
-    /// The output files whose type is unknown, because they depend on a node of an unknown type.
+    /// The output files whose type of value is unknown, because they depend on a node of an unknown type.
     pub(crate) undecided: Vec<GraphOutput>,
-    /// True if the outputs are ports, not files.
+    /// True if the graph has ports to which other graphs can link, instead of output files.
     pub(crate) is_used: bool,
     /// The nodes that no output or expectation needs, with the positions of their names.
     pub(crate) unused: Vec<(String, Span)>,
@@ -118,21 +119,21 @@ pub struct ParsedNode {
     pub tree: Tree,
     pub what: NodeKind,
     pub links: Vec<FoundLink>,
-    /// For each link, the indices of the nodes and outputs to which it leads, if they exist.
+    /// For each link, the pairs of node index and output index to which it leads. `None` if the link is invalid.
     pub(crate) targets: Vec<Option<Vec<(usize, usize)>>>,
     /// The type of each output, if it is known.
     pub types: Vec<Option<&'static ValueType>>,
     /// True if the node depends on parameters of its graph.
     pub(crate) parametric: bool,
-    /// True if the fields have no errors when parameters have their default values.
+    /// True if the fields have no errors while all parameters have their default values.
     pub(crate) is_valid: bool,
-    /// True for an input that a use of the graph may omit.
+    /// True for an input of the graph that may be omitted by a node that uses the graph.
     pub is_optional: bool,
-    /// The checked fields for the default values of parameters, if the fields have no errors. They are taken when the node is built.
+    /// The checked fields, for the default values of parameters; `None` if they have errors. Taken out when the node is built.
     pub checked_fields: Option<CheckedFields>,
-    /// The built-in node for the default values of parameters.
+    /// The node as it was built for the default values of parameters.
     pub(crate) built: Option<BuiltNode>,
-    /// The repetition, if the node represents the elements of a `ForEach` whose number of elements is not known yet.
+    /// Set if the number of elements of a `ForEach` is still unknown. This one node then represents all elements.
     pub(crate) repeat: Option<Repeat>,
 }
 
@@ -140,17 +141,17 @@ pub struct ParsedNode {
 pub enum NodeKind {
     /// A node of a built-in type.
     Node(Arc<Entry>),
-    /// A use of a graph, for which `use` declares this type name.
+    /// A node that uses another graph: its type name, as declared by the section `use`, and the definition of the used graph.
     Use(String, Arc<Definition>),
     /// An input of the graph.
     Input,
     /// A `Switch`, which represents one of its links.
     Switch(Branches),
-    /// The elements of the value that a `ForEach` iterates over.
+    /// The node that splits a value into the elements of a `ForEach`.
     Elements(Elements),
-    /// One element of a `ForEach` over data.
+    /// A link to one element of a `ForEach` over data.
     Pick(Pick),
-    /// A node of a type that no pack has, with the diagnostic that reports it. Also an invalid entry.
+    /// A node of a type that no pack defines, with the diagnostic that reports the type. Also an entry that is not a valid node.
     Unknown(Option<LocalDiagnostic>),
 }
 
@@ -174,7 +175,7 @@ impl NodeKind {
         }
     }
 
-    /// Returns the type of each output, if the types do not depend on links.
+    /// Returns the type of each output. `None` for an output whose type depends on the links of the node.
     pub fn types(&self) -> Vec<Option<&'static ValueType>> {
         match self {
             Self::Node(entry) => entry
@@ -190,7 +191,7 @@ impl NodeKind {
         }
     }
 
-    /// Returns the schema of the node's fields.
+    /// Returns the JSON schema of the node's fields. `None` for kinds without fields, such as inputs.
     pub fn schema(&self) -> Option<&Json> {
         match self {
             Self::Node(entry) => Some(entry.merged_schema()),
@@ -223,7 +224,7 @@ impl ParsedNode {
         Self { types: vec![kind], is_optional, ..Self::new(name, tree, NodeKind::Input) }
     }
 
-    /// Creates an entry that has links but is not a node of the catalog.
+    /// Creates an entry that has links but is not of a type in the catalog, such as a `Switch`.
     pub(crate) fn with_links(
         name: Name,
         tree: Tree,
@@ -250,7 +251,7 @@ impl ParsedNode {
         }
     }
 
-    /// Returns true if a link to this output leads to a list whose length is not known yet.
+    /// Returns true if a link to this output leads to a list whose length is still unknown.
     pub fn is_list(&self, output: usize) -> bool {
         let Some(repeat) = &self.repeat else { return false };
         let outputs = self.what.outputs();
@@ -259,18 +260,18 @@ impl ParsedNode {
     }
 }
 
-/// A `ForEach` over a list, which becomes one node for each element.
+/// A `ForEach` over a list. It is replaced by one node for each element.
 pub struct ForEachNode {
     pub name: String,
     /// The position of the name of the `ForEach`.
     pub(crate) span: Span,
     /// The node type that the `ForEach` repeats.
     pub(crate) kind: String,
-    /// The index of the node of each element.
+    /// For each element, the index of its node.
     pub(crate) elements: Vec<usize>,
-    /// The carried inputs, which take their values from the previous element. Each has the link that the first element uses.
+    /// The carried inputs, which take their values from the previous element, and the links that they have in the first element.
     pub(crate) carry: Vec<(String, Tree)>,
-    /// The names of the node type's outputs, if there are no elements.
+    /// If there are no elements: the output names of the repeated node type. Otherwise `None`.
     pub outputs: Option<Vec<String>>,
 }
 
@@ -288,8 +289,7 @@ pub struct Branches {
     pub(crate) choose: Tree,
 }
 
-/// An expectation, for the file that contains it. Each of its values is resolved to a node and an output, or to `None` if the value does
-/// not exist.
+/// An expectation in a file, with its values looked up. Each value is a node and an output, or `None` if the value does not exist.
 pub(crate) struct BoundExpectation {
     pub(crate) expectation: Expectation,
     pub(crate) span: Span,
@@ -301,12 +301,12 @@ pub struct CheckedFields {
     pub(crate) tree: Tree,
     pub(crate) links: Vec<FoundLink>,
     pub(crate) files: Vec<FoundFile>,
-    /// True if the links differ from those in the file, because optional inputs are omitted or because data determine the number of links.
-    /// In that case an error of the node is not an error of the file.
+    /// True if the node's links differ from those in the file: optional inputs are omitted, or data determine the number of links. An error
+    /// of the node is then not an error of the file.
     pub(crate) has_other_links: bool,
 }
 
-/// A built-in node that can be added to a graph.
+/// A built-in node that is ready to be added to a graph.
 #[derive(Clone)]
 pub(crate) struct BuiltNode {
     pub(crate) node: Arc<dyn AnyNode>,
@@ -316,18 +316,18 @@ pub(crate) struct BuiltNode {
     pub(crate) tree: Arc<Tree>,
 }
 
-/// The repetition of a `ForEach` whose number of elements is not known when its file is read.
+/// The repeated node of a `ForEach` whose number of elements is not yet known when the file is read.
 pub(crate) struct Repeat {
     pub(crate) count: ElementCount,
     /// The parameter that receives the number of the element, from 1.
     pub(crate) number: Option<Name>,
-    /// The carried inputs, which take their values from the previous element. Each has the link that the first element uses.
+    /// The carried inputs, which take their values from the previous element, and the links that they have in the first element.
     pub(crate) carry: Vec<(String, Tree)>,
     pub(crate) max_elements: Option<Tree>,
 }
 
 impl Repeat {
-    /// Returns the expressions that define the number of elements and its maximum.
+    /// Returns the expressions for the number of elements and for the maximum number of elements, if the file contains them.
     pub(crate) fn numbers(&self) -> impl Iterator<Item = &Tree> {
         let count = match &self.count {
             ElementCount::Number(count) => Some(count),
@@ -337,7 +337,7 @@ impl Repeat {
     }
 }
 
-/// The source of the number of elements.
+/// The source of the number of elements of a `ForEach`.
 pub(crate) enum ElementCount {
     /// A number, or an expression that defines it.
     Number(Tree),
@@ -347,7 +347,7 @@ pub(crate) enum ElementCount {
 
 /// The elements of a value that a `ForEach` iterates over.
 pub struct Elements {
-    /// The word that selects the kind of elements; empty for the default kind.
+    /// The word in the file that selects the kind of elements, such as `Parts`. Empty for the default kind.
     pub(crate) word: String,
     /// The name of the `ForEach` that iterates over the elements.
     pub(crate) each: String,
@@ -358,9 +358,9 @@ pub struct Elements {
 pub struct Pick {
     /// The index of the repeated node.
     pub(crate) of: usize,
-    /// The number of the element, from 1.
+    /// The number of the element, counted from 1.
     pub(crate) number: usize,
-    /// The type of the node of that element.
+    /// The type of the element's node.
     pub(crate) kind: String,
     pub(crate) outputs: Vec<String>,
 }

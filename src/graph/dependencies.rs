@@ -6,13 +6,13 @@ use petgraph::visit::{Dfs, DfsPostOrder, VisitMap, Visitable};
 
 /// The nodes of a graph as a directed graph. For each link there is an edge from the node that has the link to the source of the link.
 ///
-/// petgraph lists the neighbors of a node from the last edge to the first. Its traversals visit the last listed neighbor first, so they
-/// follow edges in the order in which the edges were added.
+/// petgraph lists the neighbors of a node in reverse order of insertion. Its depth-first traversals reverse the order again, so they follow
+/// edges in the order of insertion.
 #[derive(Debug, Default)]
 pub struct Dependencies(DiGraph<(), ()>);
 
 impl Dependencies {
-    /// Creates the graph of `count` nodes with the given links. Each link is a pair of a node and a node that it needs.
+    /// Creates a graph of `count` nodes. In each link, the first node depends on the second.
     pub fn new(count: usize, links: impl Iterator<Item = (usize, usize)>) -> Self {
         let mut graph = DiGraph::with_capacity(count, links.size_hint().0);
         for _ in 0..count {
@@ -24,18 +24,18 @@ impl Dependencies {
         Self(graph)
     }
 
-    /// Returns the sources of a node. A source appears once per link, and the order is from the last link to the first.
+    /// Returns the nodes on which a node depends. A source appears once per link, and the order is from the last link to the first.
     pub(crate) fn sources(&self, node: usize) -> impl Iterator<Item = usize> {
         self.0.neighbors(NodeIndex::new(node)).map(NodeIndex::index)
     }
 
-    /// Returns the users of a node. A user appears once per link, and the order is from the last link to the first.
+    /// Returns the nodes that depend on a node. A user appears once per link, and the order is from the last link to the first.
     pub(crate) fn users(&self, node: usize) -> impl Iterator<Item = usize> {
         let users = self.0.neighbors_directed(NodeIndex::new(node), petgraph::Incoming);
         users.map(NodeIndex::index)
     }
 
-    /// For each node, returns true if it is one of `roots` or one of them depends on it.
+    /// For each node, returns true if it is one of `roots` or if a root depends on it.
     pub fn closure_of(&self, roots: impl IntoIterator<Item = usize>) -> Vec<bool> {
         let roots = roots.into_iter().map(NodeIndex::new).collect();
         let mut walk = Dfs::from_parts(roots, self.0.visit_map());
@@ -43,11 +43,12 @@ impl Dependencies {
         self.0.node_indices().map(|node| walk.discovered.is_visited(&node)).collect()
     }
 
-    /// Returns the nodes, each after those on which it depends, and otherwise in the order of the nodes and their links. Also returns the
-    /// cycles: for each link that closes a cycle, the nodes of that cycle, each linked to the next one and the last linked to the first.
+    /// Returns the nodes in topological order, each after those on which it depends; ties follow the order of nodes and links. Also returns
+    /// the cycles: for each link that closes a cycle, the nodes of that cycle. Each node is linked to the next one, and the last to the
+    /// first.
     pub(crate) fn order(&self) -> (Vec<usize>, Vec<Vec<usize>>) {
         match toposort(&self.0, None) {
-            // The edges lead from users to sources, so petgraph lists users first.
+            // The edges lead from users to sources, so petgraph lists users before their sources.
             Ok(order) => (order.into_iter().rev().map(NodeIndex::index).collect(), Vec::new()),
             Err(_) => (self.order_ignoring_cycles(), self.cycles()),
         }
@@ -65,7 +66,7 @@ impl Dependencies {
         order
     }
 
-    /// Returns the cycles that a depth-first traversal finds. petgraph's own traversal that reports back edges is recursive, and could
+    /// Returns the cycles that a depth-first traversal finds. petgraph can report back edges, but its traversal is recursive and could
     /// overflow the stack on a long chain of nodes.
     fn cycles(&self) -> Vec<Vec<usize>> {
         let (mut discovered, mut finished) = (self.0.visit_map(), self.0.visit_map());
@@ -74,7 +75,7 @@ impl Dependencies {
             if !discovered.visit(start) {
                 continue;
             }
-            // The nodes of the current path, each with its neighbors that are still to be visited, in reverse order.
+            // The current path. Each node has a list of its unvisited neighbors, in reverse order.
             let mut path = vec![(start, Vec::from_iter(self.0.neighbors(start)))];
             while let Some((node, left)) = path.last_mut() {
                 let Some(next) = left.pop() else {
@@ -105,7 +106,7 @@ mod tests {
         Dependencies::new(count, links.iter().copied()).order()
     }
 
-    /// Returns the order and the cycles by a plain recursive traversal.
+    /// Reference implementation for the test: the order and the cycles by a recursive traversal.
     fn walk(count: usize, links: &[(usize, usize)]) -> (Vec<usize>, Vec<Vec<usize>>) {
         fn visit(
             node: usize,

@@ -1,4 +1,4 @@
-//! Descriptions of graphs used as nodes, in the same form as those of built-in nodes.
+//! Descriptions of graphs that are used as nodes, in the form in which built-in nodes are described.
 
 use maquette_node::Exactness;
 use serde_json::{Map, Value as Json};
@@ -6,10 +6,10 @@ use serde_json::{Map, Value as Json};
 use super::definition::Definition;
 use crate::catalog::Description;
 
-/// A graph used as a node, described as its users see it.
+/// The description of a graph that another graph uses as a node.
 #[derive(Clone)]
 pub struct Subgraph {
-    /// The node type under which it is used.
+    /// The node type under which the other graph uses this one.
     pub name: String,
     pub file: String,
     version: Option<String>,
@@ -48,8 +48,8 @@ impl Subgraph {
         &self.schema
     }
 
-    /// Makes two sets of used graphs comparable. If the defaults of a parameter differ, both defaults are removed, because omitting the
-    /// field means something else on each side. A graph that only one side could read is copied to the other side.
+    /// Makes the used graphs of an old and a new file comparable. If the defaults of a parameter differ, both are removed, because an
+    /// omitted field has a different value on each side. A graph that only one side could read is copied to the other side.
     pub(super) fn make_comparable(old: &mut Vec<Self>, new: &mut Vec<Self>) {
         fn properties(graph: &mut Subgraph) -> Option<&mut Map<String, Json>> {
             graph.schema.get_mut("properties").and_then(Json::as_object_mut)

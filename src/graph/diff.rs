@@ -1,8 +1,8 @@
 //! Differences in meaning between two graphs.
 //!
-//! Entries are matched by name. The remaining entries of both sides are matched as renamed: first entries with equal meaning; then entries
-//! of one type that have at least half of their fields in common, the most similar first. Links to renamed nodes and names of renamed
-//! parameters count as equal.
+//! Entries of the old and the new graph are matched by name. The remaining entries are matched as renamed. Entries with equal meaning are
+//! matched first, then entries of one type that have at least half of their fields in common, the most similar first. Links to renamed
+//! nodes and names of renamed parameters count as equal.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt;
@@ -39,7 +39,8 @@ pub struct Difference {
     pub before: Option<String>,
     /// The new value, as text.
     pub after: Option<String>,
-    /// The names of the uses that lead to the entry. Empty for an entry of the compared graphs themselves.
+    /// The names of the nodes that lead to the entry through used graphs, outermost first. Empty for an entry of the compared graphs
+    /// themselves.
     pub inside: Vec<String>,
 }
 
@@ -52,14 +53,14 @@ pub enum Change {
     Removed,
     /// The entry has another name in the new graph.
     Renamed,
-    /// A link leads to another output than before.
+    /// A link leads to another output.
     Rewired,
     /// The value of a field differs.
     Changed,
 }
 
 impl Change {
-    /// Returns the word for the kind in messages, such as `added`.
+    /// Returns the word for this kind of difference in messages, such as `added`.
     pub fn word(self) -> &'static str {
         match self {
             Self::Added => "added",
@@ -131,9 +132,10 @@ fn shorten(value: &str) -> String {
 
 impl Graph {
     /// Returns the differences in meaning between the graphs `old` and `new`. Spaces, comments, order, and values that equal their defaults
-    /// are ignored. The files that the nodes read may be missing. If both graphs are in one project, paths are equal if they lead to the
-    /// same file, and are shown relative to the old graph. If they are in two projects, such as two checkouts, paths are compared as they
-    /// are written.
+    /// are ignored. The files that the nodes read may be missing.
+    ///
+    /// If both graphs are in one project, two paths are equal if they lead to the same file, and paths are shown relative to the old graph.
+    /// If the graphs are in two projects, such as two checkouts, paths are compared as they are written.
     ///
     /// # Errors
     /// A text has syntax errors.
@@ -160,14 +162,14 @@ impl Graph {
 /// A graph that has been read for a comparison.
 struct ComparedGraph {
     tree: Tree,
-    /// The graphs that the compared graph uses.
+    /// The graphs that the compared graph uses as nodes.
     subgraphs: Vec<Subgraph>,
     diagnostics: Vec<Diagnostic>,
 }
 
 impl ComparedGraph {
-    /// Reads a graph, and replaces old names in it by current ones. If both graphs are in one project, paths are converted to be relative
-    /// to `folder`.
+    /// Reads a graph, and replaces outdated names of nodes and fields by current ones. If both compared graphs are in one project, paths
+    /// are made relative to `folder`.
     fn read(source: &Source, is_one_project: bool, folder: &Path, catalog: &Catalog) -> Self {
         let (tree, errors) = parse(&source.text);
         let diagnostics = syntax_diagnostics(&source.name, &source.text, errors);
@@ -179,7 +181,7 @@ impl ComparedGraph {
             let tree = migrate_graph(&tree, catalog);
             return Self { tree, subgraphs: Vec::new(), diagnostics };
         }
-        // The used graphs determine which values are defaults. For a patch, the graph that it makes is compared.
+        // The used graphs determine which values are defaults. If the file is a patch, compare the graph that results from the patch.
         let options = Options { files: Files::Ignored, ..Options::default() };
         let (path, text) = (&source.name, source.text.clone());
         let (subgraphs, _) = Graph::subgraphs_of(path, text.clone(), catalog, &options);
@@ -225,7 +227,7 @@ fn compare(old: &CanonicalGraph, new: &CanonicalGraph) -> Vec<Difference> {
     found
 }
 
-/// The renamed nodes and parameters, as a map from each new name to the old one.
+/// The renamed nodes and parameters. Each map is from a new name to the old one.
 #[derive(Default)]
 struct RenamedNames {
     nodes: HashMap<String, String>,
@@ -233,14 +235,14 @@ struct RenamedNames {
 }
 
 impl RenamedNames {
-    /// Replaces new names by old ones, in a value of the new graph.
+    /// Replaces new names of nodes and parameters by the old ones in a value of the new graph.
     fn in_old(&self, tree: &Tree) -> Tree {
         rename(tree, &|name| self.nodes.get(name).cloned(), &|name| {
             self.parameters.get(name).cloned()
         })
     }
 
-    /// Replaces old names by new ones in a value.
+    /// Replaces old names of nodes and parameters by the new ones in a value of the old graph.
     fn in_new(&self, tree: &Tree) -> Tree {
         fn new_name_of(names: &HashMap<String, String>, wanted: &str) -> Option<String> {
             let mut found = names.iter().filter(|(_, old)| *old == wanted);
@@ -313,7 +315,7 @@ impl Section<'_> {
         }
     }
 
-    /// Returns the difference for an entry that only one graph has.
+    /// Returns the difference for an entry that exists only in the old or only in the new graph.
     fn entry_difference(&self, item: &Item, change: Change) -> Difference {
         let text = Some(item.show("", &item.value));
         let (before, after) = match change {
@@ -331,15 +333,15 @@ struct RenameMatcher<'m> {
     section: &'m Section<'m>,
     removed: Vec<usize>,
     added: Vec<usize>,
-    /// For each matched old entry, the index of the new entry.
+    /// The matched pairs, as a map from the index of the old entry to the index of the new one.
     pairs: BTreeMap<usize, usize>,
 }
 
 impl RenameMatcher<'_> {
-    /// The maximum number of rounds of exact matching. Each round finds entries that depend on the entries matched in the previous round.
+    /// Maximum number of rounds of exact matching. Each round can match entries that link to entries matched in the previous round.
     const MAX_ROUNDS: usize = 8;
 
-    /// The maximum number of pairs of entries that are compared one by one.
+    /// Maximum number of pairs of entries that are compared one by one.
     const MAX_PAIRS: usize = 1_000_000;
 
     fn run(&mut self, names: &mut RenamedNames) {
@@ -354,7 +356,7 @@ impl RenameMatcher<'_> {
         }
         let (old, new) = (self.old_values(true), self.new_values(names, true));
         self.match_exact(&old, &new, names);
-        // Outputs are not matched: an output has no fields, and an output with another file name is a different output.
+        // Do not match outputs: an output has no fields, and an output with another file name is a different output.
         if matches!(what, "output" | "use")
             || self.removed.len() * self.added.len() > Self::MAX_PAIRS
         {
@@ -375,7 +377,7 @@ impl RenameMatcher<'_> {
         self.with_types_for_names(values, self.section.new, &self.added, loose)
     }
 
-    /// If `loose` is set, replaces links to unmatched nodes by the types of the nodes.
+    /// If `loose` is set, replaces each link to an unmatched node by the type of that node.
     fn with_types_for_names(
         &self,
         values: impl Iterator<Item = Tree>,
@@ -393,7 +395,7 @@ impl RenameMatcher<'_> {
             .collect()
     }
 
-    /// Matches equal entries, in order.
+    /// Matches old and new entries with equal values, in order.
     fn match_exact(&mut self, old: &[Tree], new: &[Tree], names: &mut RenamedNames) {
         let mut waiting: HashMap<String, Vec<usize>> = HashMap::new();
         for (value, &index) in new.iter().zip(&self.added).rev() {
@@ -408,7 +410,7 @@ impl RenameMatcher<'_> {
         }
     }
 
-    /// Matches entries of one type with a similarity of at least 0.5, the most similar first.
+    /// Matches entries of one type whose similarity is at least 0.5, the most similar pairs first.
     fn match_nearest(&mut self, names: &mut RenamedNames) {
         let (old, new) = (self.old_values(true), self.new_values(names, true));
         let mut scored = Vec::new();
@@ -453,7 +455,7 @@ fn similarity(a: &Tree, b: &Tree) -> f64 {
     if all == 0 { 1.0 } else { same as f64 / all as f64 }
 }
 
-/// Compares two values of one entry, part by part.
+/// Compares two values of one entry recursively.
 struct Walk<'a, 'm> {
     section: &'a Section<'m>,
     /// The old entry and the new entry that are compared.
@@ -524,8 +526,7 @@ impl Walk<'_, '_> {
         let change = if links { Change::Rewired } else { Change::Changed };
         let before = old.map(|old| self.items[0].show(&path, old));
         let after = new.map(|new| self.items[1].show(&path, &self.names.in_new(new)));
-        // The values may differ although their texts are equal, if only one of the texts is treated as a link. Such a difference is not
-        // reported.
+        // Values with equal texts may differ: one text is treated as a link and the other is not. Such a difference is not reported.
         if before == after {
             return;
         }

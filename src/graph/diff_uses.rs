@@ -1,4 +1,5 @@
-//! Differences between the graphs that two graphs use. These are compared if they are in different files, as in two checkouts of a project.
+//! Differences between the graphs that two compared graphs use as nodes. Used graphs are compared if they are in different files, as in two
+//! checkouts of a project.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -13,7 +14,7 @@ use crate::options::folder_of;
 use crate::tree::entries;
 
 impl Graph {
-    /// Returns the differences between two graphs. Then continues recursively with the graphs that they use under the same name from
+    /// Returns the differences between two graphs. Continues recursively with used graphs that have the same name in both graphs and are in
     /// different files. Each pair of files is compared once.
     ///
     /// # Errors
@@ -62,7 +63,7 @@ impl Uses<'_> {
     }
 }
 
-/// Returns the difference for a used graph whose file exists on one side only.
+/// Returns the difference for a used graph whose file is missing on one of the two sides.
 fn missing(name: &str, inside: &[String], is_there: [bool; 2]) -> Difference {
     let [before, after] = is_there.map(|is_there| {
         let word = if is_there { "found" } else { "missing" };
@@ -76,13 +77,13 @@ fn source(path: &Path) -> Option<Source> {
     Some(Source { name: path.to_owned(), text: fs::read_text(path).ok()? })
 }
 
-/// Returns the graphs that a text uses, by name. For a patch, returns the graphs that the patched graph uses; the patch's own values are
-/// compared as part of the patch.
+/// Returns the names and files of the graphs that `source` uses. If `source` is a patch, returns the graphs that the patched graph uses.
+/// The values in the patch itself are compared as part of the patch.
 fn used_graphs(source: &Source) -> Vec<(String, PathBuf)> {
     used_graphs_within(source, MAX_PATCHES)
 }
 
-/// The maximum length of a chain of patches. It bounds the search, because cycles of patches have not been detected at this point.
+/// Maximum length of a chain of patches of patches. A limit is necessary, because cycles have not been detected at this point.
 const MAX_PATCHES: usize = 64;
 
 fn used_graphs_within(source: &Source, most: usize) -> Vec<(String, PathBuf)> {

@@ -1,9 +1,9 @@
-//! Differences between the parameters of two nodes.
+//! Differences between the parameters of two nodes, for messages.
 
 use maquette_syntax::{FILE, LINK};
 use serde_json::Value as Json;
 
-/// Returns the path of the first difference between two sets of parameters, with both values. Links and files do not count as parameters.
+/// Returns the path of the first parameter that differs, with its value before and now. Links and files are not parameters.
 pub fn parameter_difference(before: &Json, now: &Json) -> Option<(Vec<String>, Json, Json)> {
     fn plain(json: &Json) -> bool {
         json.get(LINK).is_none() && json.get(FILE).is_none()
@@ -31,7 +31,7 @@ pub fn parameter_difference(before: &Json, now: &Json) -> Option<(Vec<String>, J
     }
 }
 
-/// Formats a path: `distance` for `select.Near.distance`, and `corners[2]` for `corners.2`.
+/// Formats the path of a parameter for messages: `distance` for `select.Near.distance`, and `corners[2]` for `corners.2`.
 pub fn parameter_name(path: &[String]) -> String {
     fn is_index(part: &str) -> bool {
         part.bytes().all(|byte| byte.is_ascii_digit())
@@ -41,7 +41,7 @@ pub fn parameter_name(path: &[String]) -> String {
     path[last].clone() + &String::from_iter(indices)
 }
 
-/// Returns a parameter's value as text, shortened for messages.
+/// Returns the value of a parameter as text, shortened for messages.
 pub fn short_text(value: &Json) -> String {
     const MAX_CHARS: usize = 40;
     let text = match value {

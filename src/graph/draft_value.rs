@@ -41,14 +41,14 @@ pub fn is_side(word: &str) -> bool {
     SIDES.contains(&word)
 }
 
-/// Returns one side of a `Draft`: the value for drafts or the one for final results. `None` if it is missing.
+/// Returns one side of a `Draft`: the value for drafts if `draft` is true, else the one for final results. `None` if that side is missing.
 pub fn side(tree: &Tree, draft: bool) -> Option<&Tree> {
     let wanted = SIDES[usize::from(draft)];
     let found = tree.fields()?.iter().find(|field| field.name.text == wanted);
     found.map(|field| &field.value)
 }
 
-/// Replaces the value on each side of a `Draft`.
+/// Applies a function to both values of a `Draft`, the one for final results and the one for drafts.
 pub(super) fn map_sides(tree: &Tree, mut replaced: impl FnMut(&Tree) -> Tree) -> Tree {
     let Kind::Call { name, body: Body::Fields(fields) } = &tree.kind else { return tree.clone() };
     let body = Body::Fields(
@@ -60,8 +60,8 @@ pub(super) fn map_sides(tree: &Tree, mut replaced: impl FnMut(&Tree) -> Tree) ->
     Tree { kind: Kind::Call { name: name.clone(), body }, ..tree.clone() }
 }
 
-/// Returns one side of a `Draft`: the value for drafts or the one for final results. A value that is not a `Draft` is returned as it is. If
-/// the `Draft` has errors, they are added to the diagnostics and there is no value.
+/// Returns one side of a `Draft`: the value for drafts if `draft` is true, else the one for final results. Returns any other value as it
+/// is. If the `Draft` has errors, adds them to the diagnostics and returns `None`.
 pub(super) fn resolve_side<'t>(
     tree: &'t Tree,
     draft: bool,

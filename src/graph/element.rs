@@ -1,4 +1,5 @@
-//! Names of elements, such as `copies/1`, and of nodes in used graphs, such as `nose/mask`. Maps these names to positions in the file.
+//! Translates the names of generated nodes to positions in the file. Such names are `copies/1` for an element of a `ForEach`, and
+//! `nose/mask` for a node in a used graph.
 
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Kind, Tree};
@@ -6,11 +7,11 @@ use maquette_syntax::{Kind, Tree};
 use super::place::{EditError, field};
 use crate::draft_value::{is_draft, side};
 
-/// Translates a target to the names that the file contains. `copies/1.scale` becomes `copies.over.0.scale`, which is the list item from
-/// which a `ForEach` makes its first element. Other targets are returned unchanged.
+/// Translates the target of an edit, a node or field, to the names that the file contains. `copies/1.scale` becomes `copies.over.0.scale`:
+/// the first item of the list from which the `ForEach` makes its elements. Other targets are returned unchanged.
 ///
 /// # Errors
-/// The target names a node that is not written in the file. The help says where its values are written.
+/// The target is a node that the file does not contain. The help states where its values are written.
 pub fn target_in_file(graph: &Tree, target: &str, draft: bool) -> Result<String, EditError> {
     let (name, path) = target.split_once('.').unwrap_or((target, ""));
     let Some((outer, inner)) = name.split_once('/') else { return Ok(target.to_owned()) };

@@ -1,11 +1,11 @@
-//! Expansion of a graph and all graphs that it uses into one flat graph of built-in nodes.
+//! Expansion: converts a graph, and all graphs that it uses as nodes, into one flat graph of built-in nodes.
 //!
-//! If a node `nose` uses a graph, the nodes of that graph are named `nose/mask` and so on. The evaluator does not know about uses. If two
-//! uses have equal inputs, their nodes have equal keys and are computed once.
+//! If a node `nose` uses a graph, the nodes of that graph are named `nose/mask` and so on. The evaluator only sees built-in nodes. If two
+//! nodes use one graph with equal inputs, the nodes of both copies have equal cache keys and are computed once.
 //!
-//! Nodes that do not depend on parameters are built once and shared by all uses. The other nodes are built again with the values that a use
-//! gives to the parameters. Errors that appear only with these values are reported at the position of the value, with the path of uses. A
-//! link to an output of a `Switch` becomes a link to the chosen case.
+//! Nodes that do not depend on parameters are built once and shared by all uses of their graph. The other nodes are built again with the
+//! parameter values of each use. Errors that appear only with these values are reported at the position of the value, with the path of
+//! uses. A link to an output of a `Switch` becomes a link to the chosen case.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
@@ -35,26 +35,26 @@ use optional::{absent_links, without_links};
 /// The index of a node in the flat graph, and the index of the node's output.
 type Target = (usize, usize);
 
-/// The outputs of the nodes of one use of a graph.
+/// The outputs of the nodes of one copy of a used graph, as targets in the flat graph.
 struct Values {
-    /// For each node, the value at each of its outputs.
+    /// For each node, the target of each of its outputs.
     first_targets: Vec<Vec<Target>>,
-    /// The values of repeated nodes, by the indices of these nodes.
+    /// The outputs of repeated nodes, by the indices of these nodes.
     repeated: HashMap<usize, RepeatedValues>,
 }
 
 /// The outputs of the elements of a `ForEach`.
 struct RepeatedValues {
-    /// For each element, the value at each of its outputs.
+    /// For each element, the target of each of its outputs.
     elements: Vec<Vec<Target>>,
-    /// For each output, the values of all elements; if the output is carried, only the value of the last element.
+    /// For each output, the targets of all elements. For a carried output, only the target of the last element.
     outputs: Vec<Vec<Target>>,
-    /// True if the number of elements is not known, so that a single example represents them.
+    /// True if the number of elements is still unknown, so that one example node represents them.
     is_open: bool,
 }
 
 impl Values {
-    /// Returns the targets in the flat graph to which a link to this node and output leads.
+    /// Returns the targets in the flat graph for a link to this output of this node.
     fn get(&self, (node, output): (usize, usize)) -> &[Target] {
         match self.repeated.get(&node) {
             Some(repeated) => repeated.outputs.get(output).map_or(&[], Vec::as_slice),
@@ -62,18 +62,18 @@ impl Values {
         }
     }
 
-    /// Returns the first target in the flat graph to which a link to this node and output leads.
+    /// Returns the first target in the flat graph for a link to this output of this node.
     fn first_target(&self, target: (usize, usize)) -> Option<Target> {
         self.get(target).first().copied()
     }
 }
 
-/// The maximum number of nodes of a graph. Without a limit, ten files in a chain, each of which uses the next one ten times, would make
+/// Maximum number of nodes of a flat graph. Without a limit, ten files in a chain, each of which uses the next one ten times, would make
 /// 10^10 nodes.
 const MAX_NODES: usize = 1_000_000;
 
-/// Expands a graph. Returns `None` if the graph is broken, or if the values that uses give to parameters cause errors. These errors are
-/// reported.
+/// Expands a graph. If the graph is broken, returns `None`. If the values that are given to the parameters of used graphs cause errors,
+/// reports them and returns `None`.
 pub(super) fn expand<'a>(
     world: &mut World<'a>,
     whole: &ParsedFile,
@@ -90,7 +90,7 @@ pub(super) fn expand<'a>(
     expansion.add_guards(definition, &scope, 0);
     let Expansion { mut nodes, uses, loops, mut expect, .. } = expansion;
     if !is_broken {
-        // The diagnostics of pins are reported once, at the first expansion, not again when the numbers of elements are known.
+        // Report stale pins only at the first expansion, not again after the numbers of elements are known.
         if counts.is_empty() {
             world.report_stale_pins(&nodes, &definition.source_map.source);
         }
@@ -103,7 +103,7 @@ pub(super) fn expand<'a>(
     let (known, mut doubts) = KnownProperties::resolve_guards(&mut nodes);
     known.retain_open_promises(&mut expect, &mut doubts);
     expect.retain(|expected| !expected.is_example);
-    // For a partial graph, the outputs of unknown type are kept, so that their failure is reported.
+    // If the graph has nodes of unknown types, keep the outputs that depend on these nodes, so that their failure is reported.
     let undecided = undecided.iter().filter(|_| is_partial);
     let outputs = outputs
         .iter()
@@ -172,18 +172,18 @@ struct Expansion<'w, 'a> {
     loops: Vec<Loop>,
     expect: Vec<GraphExpectation>,
     counts: &'w Counts,
-    /// The number of graphs and nodes that have been added so far.
+    /// The number of used graphs and nodes that have been added so far.
     count: usize,
 }
 
-/// The data in which a node or use differs from the parsed node from which it is made.
+/// The data in which a copy of a node differs from the parsed node.
 #[derive(Default)]
 struct Instance {
-    /// The name, if the node is an element of a `ForEach`.
+    /// The name of the copy, if it is an element of a `ForEach`. Otherwise it has the name of the parsed node.
     name: Option<String>,
-    /// The values that replace the links at some ports.
+    /// The targets that replace the links at some ports, as pairs of a port name and a target.
     links: Vec<(String, Target)>,
-    /// The field that receives the number of the element.
+    /// The field that receives the number of the element of a `ForEach`.
     number: Option<Field>,
 }
 
@@ -192,7 +192,7 @@ impl Instance {
         format!("{}{}", scope.prefix, self.name.as_ref().unwrap_or(&parsed.name.text))
     }
 
-    /// Returns the values to which a link leads.
+    /// Returns the targets of the link with the index `link`.
     fn targets_at(&self, parsed: &ParsedNode, link: usize, values: &Values) -> Vec<Target> {
         let port = &parsed.links[link].port;
         match self.links.iter().find(|(own, _)| own == port) {
@@ -201,7 +201,7 @@ impl Instance {
         }
     }
 
-    /// Returns the fields, including the one that receives the element's number.
+    /// Returns the fields of the copy, including the one that receives the element's number.
     fn tree(&self, parsed: &ParsedNode) -> Tree {
         let mut tree = parsed.tree.clone();
         if let (Some(number), Kind::Call { body: Body::Fields(fields), .. }) =
@@ -214,14 +214,14 @@ impl Instance {
     }
 }
 
-/// A use of a graph while it is expanded.
+/// The context in which one graph is expanded.
 struct Scope {
     /// The prefix of the names of the graph's nodes, such as `nose/`.
     prefix: String,
     uses: Arc<[Use]>,
-    /// The value at each input of the graph. `None` if the use omits the input.
+    /// For each input of the graph, its target in the flat graph. `None` if the input is omitted.
     inputs: Vec<Option<Target>>,
-    /// The values of the graph's parameters, if they differ from the defaults.
+    /// The values of the graph's parameters. `None` if all of them have their defaults.
     values: Option<Parameters>,
 }
 
@@ -232,7 +232,7 @@ impl Scope {
 }
 
 impl<'a> Expansion<'_, 'a> {
-    /// Adds a node for each input of a graph that no other graph uses.
+    /// Adds a node for each input of the root graph.
     fn expand_inputs(&mut self, definition: &Definition) -> Vec<Option<Target>> {
         let scope =
             Scope { prefix: String::new(), uses: Arc::new([]), inputs: Vec::new(), values: None };
@@ -350,7 +350,7 @@ impl<'a> Expansion<'_, 'a> {
         }
     }
 
-    /// Runs a check for the file of a graph, and reports the diagnostics of the check.
+    /// Runs a check in the context of a graph's file, and reports the diagnostics of the check.
     fn with_check<R>(
         &mut self,
         definition: &Definition,
@@ -461,13 +461,13 @@ impl<'a> Expansion<'_, 'a> {
             true => parsed.is_valid.then(|| {
                 own.resolve_call(&parsed.tree, parsed.what.kind(), &graph.fields, &mut Vec::new())
             }),
-            // The use gives other values to parameters than those with which the file was checked.
+            // The parameter values differ from those with which the file was checked, so check the fields again.
             false => self.with_check(definition, scope, |check| {
                 let checked = check.check_fields(&parsed.what, &one.tree(parsed), own);
                 (check.diagnostics.is_empty() && checked.tree.is_complete()).then_some(checked.tree)
             }),
         };
-        // If the fields of a use have an error, the nodes of the used graph are not checked.
+        // If the fields that are given to a used graph have an error, do not check the graph's nodes.
         let Some(tree) = tree else { return Vec::new() };
         let fields = tree.fields().unwrap_or_default().iter();
         let given = fields.filter_map(|field| {
@@ -518,7 +518,7 @@ impl<'a> Expansion<'_, 'a> {
         outputs
     }
 
-    /// Returns the values of the chosen case. The nodes of the other cases are added as well, but no node depends on them.
+    /// Returns the targets of the chosen case. The nodes of the other cases are added as well, but no node depends on them.
     fn expand_switch(
         &mut self,
         definition: &Definition,
@@ -531,7 +531,7 @@ impl<'a> Expansion<'_, 'a> {
             let own = scope.values(definition);
             let chosen = own.substitute(&branches.choose, &mut check.diagnostics);
             let case = branches.find_case(&chosen);
-            // An error in a default is reported at the position of the default.
+            // A broken choice has already been reported, for example at the default of its parameter.
             if chosen.is_broken() {
                 Err(())
             } else {
@@ -551,7 +551,7 @@ impl<'a> Expansion<'_, 'a> {
     }
 }
 
-/// The data of a node that is added to the flat graph.
+/// The data of a node that is to be added to the flat graph.
 struct NewNode {
     name: String,
     built: BuiltNode,
@@ -559,7 +559,7 @@ struct NewNode {
     outputs: Vec<&'static str>,
 }
 
-/// Returns the values to which a link of a parsed node leads.
+/// Returns the targets of a link of a parsed node in the flat graph.
 fn link_targets(parsed: &ParsedNode, link: usize, values: &Values) -> Vec<Target> {
     let targets = parsed.targets.get(link).and_then(Option::as_ref).into_iter().flatten();
     targets.flat_map(|&target| values.get(target).iter().copied()).collect()

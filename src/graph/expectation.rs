@@ -21,7 +21,8 @@ pub enum Expectation {
     Printable {
         /// The mesh.
         of: String,
-        /// Minimum wall thickness in mm, measured from the middle of each face inward to the next face. If omitted, any.
+        /// Minimum wall thickness in mm, measured from the middle of each face inward to the next face. If omitted, any thickness is
+        /// accepted.
         #[serde(default)]
         #[schemars(range(min = 0.0), extend("unit" = "mm"))]
         thickness: f64,
@@ -83,7 +84,7 @@ pub enum Expectation {
         #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "deg"))]
         max: f64,
     },
-    /// New faces continue the surface that was there before.
+    /// New faces, such as those of a filled hole, continue the adjacent old surface.
     Continuity {
         /// The mesh.
         of: String,
@@ -93,7 +94,8 @@ pub enum Expectation {
         /// Maximum angle between the normals of a new face and an adjacent old face, in degrees.
         #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "deg"))]
         max: f64,
-        /// Maximum jump of the curvature across the rim, as root mean square along it, in 1/mm. If omitted, any.
+        /// Maximum jump of the curvature across the border between new and old faces, as root mean square along the border, in 1/mm. If
+        /// omitted, any.
         #[serde(default)]
         #[schemars(range(min = 0.0), extend("unit" = "1/mm"))]
         curvature: Option<f64>,
@@ -111,7 +113,7 @@ pub enum Expectation {
         #[serde(default)]
         max: Option<f64>,
     },
-    /// A promised property of an output of a graph that others use.
+    /// An output of a used graph has a property that the graph promises.
     #[serde(skip)]
     Promised {
         /// The output.

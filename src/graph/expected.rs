@@ -1,4 +1,4 @@
-//! Expectations of a flat graph: those of the graph's own file and those of the graphs that it uses.
+//! Expectations of a flat graph: those in the file of the root graph, and those in the files of the graphs that it uses.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -13,34 +13,34 @@ use super::link::Names;
 use super::{Graph, GraphOutput};
 use crate::definition::{BoundExpectation, ParsedNode};
 
-/// An expectation about values, which it names as in the flat graph.
+/// A condition on values of the flat graph. The names of the values are those of the flat graph, such as `nose/mask`.
 #[derive(Clone)]
 pub struct GraphExpectation {
     pub expectation: Expectation,
-    /// The node and output of each value. `None` for a value that does not exist.
+    /// For each value, its node and output in the flat graph. `None` for a value that does not exist.
     pub values: Vec<Option<(usize, usize)>>,
-    /// The position of the expectation.
+    /// The file that contains the expectation; `span` is its position in that file.
     pub(crate) source: Arc<Source>,
     pub(crate) span: Span,
-    /// The use of the graph that contains the expectation. `None` if it is in the graph's own file.
+    /// The node that uses the graph whose file contains the expectation. `None` if the file is that of the root graph.
     pub(super) of: Option<ExpectingUse>,
     /// True if a value belongs to the example that represents the elements of a `ForEach`. Such an expectation is not evaluated.
     pub(super) is_example: bool,
 }
 
-/// A use of a graph whose file contains expectations.
+/// A node that uses another graph whose file contains expectations.
 #[derive(Clone)]
 pub(super) struct ExpectingUse {
-    /// The uses that lead to the graph, from the outermost one.
+    /// The path from the root graph to the used graph, outermost use first.
     pub(super) uses: Arc<[Use]>,
-    /// The range of the flat nodes that belong to the use.
+    /// The range of nodes of the flat graph that were made from the used graph.
     pub(super) inside: Range<usize>,
-    /// The nodes that compute the outputs of the used graph.
+    /// The nodes of the flat graph that compute the outputs of the used graph.
     pub(super) givers: Vec<usize>,
 }
 
 impl GraphExpectation {
-    /// Returns the error for a violated expectation, at the position of the outermost use.
+    /// Returns the error for a violated expectation. If a used graph contains the expectation, the position is that of the outermost use.
     pub fn diagnostic(&self, message: String) -> Diagnostic {
         let (source, span) = (self.source.clone(), self.span);
         let (severity, code) = (Severity::Error, code::EXPECTED);
@@ -55,12 +55,12 @@ impl GraphExpectation {
         Diagnostic { help, uses, ..Diagnostic::new(severity, code, (source, span), message) }
     }
 
-    /// Returns the nodes of the values of the expectation.
+    /// Returns the nodes whose values are the subject of the expectation.
     fn nodes(&self) -> impl Iterator<Item = usize> {
         self.values.iter().flatten().map(|(node, _)| *node)
     }
 
-    /// Returns true if at least one node of the use that contains the expectation is needed.
+    /// Returns true if at least one node made from the used graph is needed. True for an expectation of the root graph.
     fn is_use_needed(&self, needed: &[bool]) -> bool {
         let Some(of) = &self.of else { return true };
         of.inside.clone().chain(of.givers.iter().copied()).any(|node| needed[node])
@@ -68,14 +68,14 @@ impl GraphExpectation {
 }
 
 impl Graph {
-    /// Returns the expectations that apply if the given nodes are evaluated: all expectations of the graph's own file, and those of each
-    /// used graph that is needed.
+    /// Returns the expectations to test if the given nodes are evaluated: all expectations of the root graph, and those of each used graph
+    /// of which a node is needed.
     pub fn expectations_for(&self, wanted: &[usize]) -> Vec<&GraphExpectation> {
         self.expectations_where(wanted, |_| true)
     }
 
-    /// Returns the expectations that apply if only the given nodes are evaluated. An expectation of the graph's own file about other values
-    /// does not apply.
+    /// Returns the expectations to test if only the given nodes are evaluated. Expectations of the root graph are left out if they concern
+    /// other values.
     pub fn expectations_for_only(&self, wanted: &[usize]) -> Vec<&GraphExpectation> {
         let needed = self.topology.needed_by(wanted);
         self.expectations_where(wanted, |expected| {
@@ -84,8 +84,8 @@ impl Graph {
         })
     }
 
-    /// Returns the expectations that apply if the given nodes are evaluated. Expectations of the graph's own file are returned only if
-    /// `is_meant` accepts them.
+    /// Returns the expectations to test if the given nodes are evaluated. Expectations of the root graph are included only if `is_meant`
+    /// accepts them.
     fn expectations_where(
         &self,
         wanted: &[usize],
@@ -93,7 +93,7 @@ impl Graph {
     ) -> Vec<&GraphExpectation> {
         let mut wanted = wanted.to_vec();
         let mut live = vec![false; self.expect.len()];
-        // To evaluate the values of an expectation, further uses may be needed.
+        // The values of an expectation may need nodes of further used graphs, whose expectations then apply too.
         loop {
             let needed = self.topology.needed_by(&wanted);
             let is_new = |&at: &usize| {
@@ -112,7 +112,7 @@ impl Graph {
         self.expect.iter().zip(live).filter(|(_, live)| *live).map(|(it, _)| it).collect()
     }
 
-    /// Returns the expectations of used graphs about the values on which the given nodes depend.
+    /// Returns the expectations of used graphs whose values are among the dependencies of the given nodes.
     pub fn expectations_of_uses(&self, wanted: &[usize]) -> Vec<&GraphExpectation> {
         if self.expect.iter().all(|expected| expected.of.is_none()) {
             return Vec::new();
@@ -128,7 +128,7 @@ impl Graph {
             .collect()
     }
 
-    /// Binds an expectation of another file, such as a test, to the values of this graph.
+    /// Looks up the values of an expectation from another file, such as a test, in this graph.
     pub fn bind_expectation(
         &self,
         expectation: &Expectation,
@@ -148,7 +148,7 @@ impl Graph {
 }
 
 impl Check<'_, '_> {
-    /// Reads the expectations of a graph. Each of their values must be an output, an input or a node.
+    /// Reads the expectations of a graph file. Reports values that are not an output, an input or a node of the graph.
     pub(super) fn expectations(
         &mut self,
         tree: Option<&Tree>,
@@ -185,7 +185,7 @@ impl Check<'_, '_> {
         expecting
     }
 
-    /// Returns the node and the output of a value of an expectation. Reports a name that does not exist, and a name of a list.
+    /// Returns the node and output to which an expectation refers by a name. Reports an unknown name, and the name of a list of values.
     fn expected_target(
         &mut self,
         value: &str,
@@ -195,7 +195,7 @@ impl Check<'_, '_> {
         parsed_nodes: &[ParsedNode],
         names: &Names<'_>,
     ) -> Option<(usize, usize)> {
-        // Errors of outputs are reported at the outputs, not again here.
+        // The name of an output. An error of its link has been reported at the output.
         if outputs.iter().any(|(key, _)| key.text() == Some(value)) {
             let port = ports.iter().find(|port| port.name == value);
             let file = files.iter().find(|file| file.name == value);
@@ -222,7 +222,7 @@ impl Check<'_, '_> {
     }
 }
 
-/// Returns the first element, `spots/1.mask`, of a list of values, `spots.mask`.
+/// Returns the first element, such as `spots/1.mask`, of a list of values, such as `spots.mask`.
 fn first_of(list: &str) -> String {
     match list.split_once('.') {
         Some((each, output)) => format!("{each}/1.{output}"),

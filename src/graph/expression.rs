@@ -1,12 +1,12 @@
 //! Arithmetic on a graph's parameters: `Expr("growth / 2 + 1")`.
 //!
 //! An expression consists of numbers and truth values, `+ - * / %`, comparisons, `and or not`, the functions in `functions`, and
-//! `if(condition, then, else)`. There are no loops and no I/O. The name of a parameter may contain hyphens: `eye-step` is the parameter of
-//! that name if it exists, and otherwise a difference.
+//! `if(condition, then, else)`. There are no loops and no I/O. Names of parameters may contain hyphens: `eye-step` is the parameter of that
+//! name if the graph has one, and otherwise the difference `eye - step`.
 //!
-//! Numbers can have units, which come from parameters or are written, as in `growth + cm(1)`. The operands of a sum, comparison or choice
-//! must measure the same quantity, and are converted to the unit of the first operand that has one; an operand without a unit takes that
-//! unit. Products and quotients combine units.
+//! Numbers can have units, from the declaration of a parameter or as written in `growth + cm(1)`. The operands of a sum, comparison or
+//! choice must measure the same quantity. They are converted to the unit of the first operand that has one, and operands without a unit
+//! take that unit. Products and quotients combine units.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -30,22 +30,22 @@ pub enum Outcome {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ExpressionError {
     pub(crate) message: String,
-    /// The range of the error in the text; without it, the error concerns the whole expression. `note` is a second range with an explaining
-    /// text.
+    /// `at` is the byte range of the error in the text; `None` if the error concerns the whole expression. `note` is a second range with an
+    /// explanation.
     pub(crate) at: Option<Range<usize>>,
     pub(crate) note: Option<Box<(Range<usize>, String)>>,
     help: Help,
-    /// The name of the unknown parameter, if the error is that a parameter is unknown.
+    /// The name of the unknown parameter, for errors of this kind. Otherwise `None`.
     unknown: Option<String>,
 }
 
 impl ExpressionError {
-    /// Returns the name of the unknown parameter, if the error is that a parameter is unknown.
+    /// Returns the name of the unknown parameter, for errors of this kind. Otherwise `None`.
     pub(crate) fn unknown(&self) -> Option<&str> {
         self.unknown.as_deref()
     }
 
-    /// Returns the suggestion for a correction.
+    /// Returns a suggestion for correcting the expression, such as a parameter with a similar name.
     pub(crate) fn help(&self, parameters: &BTreeMap<String, Outcome>) -> Help {
         match &self.unknown {
             Some(name) => nearest(name, parameters.keys().map(String::as_str)),
@@ -70,8 +70,8 @@ const MAX_HYPHENS: usize = 31;
 /// Evaluates the expression `text` with the given values of parameters.
 ///
 /// # Errors
-/// The text is not an expression, names an unknown parameter, or mixes numbers and truth values. Or a part of it that contributes to the
-/// result is not finite.
+/// The text is not an expression, names an unknown parameter, or mixes numbers and truth values. Also if an infinite or NaN part
+/// contributes to the result.
 pub fn evaluate(
     text: &str,
     parameters: &BTreeMap<String, Outcome>,
@@ -102,7 +102,7 @@ fn evaluate_with(
     }
 }
 
-/// The maximum nesting depth of an expression. It is far greater than anyone needs, and far less than the stack allows.
+/// Maximum nesting depth of an expression, far below the depth that would overflow the stack.
 const MAX_DEPTH: usize = 64;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -125,18 +125,18 @@ impl fmt::Display for Token {
 const SIGNS: [&str; 14] =
     ["<=", ">=", "==", "!=", "<", ">", "+", "-", "*", "/", "%", "(", ")", ","];
 
-/// The operators by precedence, from the lowest one.
+/// The operators by precedence, from the lowest to the highest.
 const LEVELS: [&[&str]; 5] =
     [&["or"], &["and"], &["<=", ">=", "==", "!=", "<", ">"], &["+", "-"], &["*", "/", "%"]];
 
-/// Returns the ranges of the parameter names in an expression; `None` if the text cannot be tokenized.
+/// Returns the byte ranges of the parameter names in an expression. `None` if the text cannot be split into tokens.
 pub fn named_parameters(text: &str, is_known: &dyn Fn(&str) -> bool) -> Option<Vec<Range<usize>>> {
     let tokens = tokenize(text, is_known).ok()?;
     let mut names = Vec::new();
     fn is_allowed(name: &str, is_known: &dyn Fn(&str) -> bool) -> bool {
         is_constant(name) && !is_known(name)
     }
-    // True after an operand. Only there a word such as `and` is an operator.
+    // True if the previous token ends an operand. Only in that position, a word such as `and` is an operator.
     let mut is_behind = false;
     for (index, (at, token)) in tokens.iter().enumerate() {
         let opens = matches!(tokens.get(index + 1), Some((_, Token::Sign("("))));
@@ -197,8 +197,8 @@ fn number_length(text: &str) -> usize {
         .unwrap_or(bytes.len())
 }
 
-/// Returns the longest known parameter name at the start of the text, or else the word up to the first hyphen. A name with more than
-/// [`MAX_HYPHENS`] hyphens is not recognized, so that the time is linear in the length of the text.
+/// Returns the longest known parameter name at the start of the text, or else the word up to the first hyphen. Names with more than
+/// [`MAX_HYPHENS`] hyphens are not recognized, which keeps the time linear in the length of the text.
 fn name_at<'a>(text: &'a str, is_known: &dyn Fn(&str) -> bool) -> &'a str {
     fn is_part(c: char) -> bool {
         c.is_ascii_alphanumeric() || c == '-' || c == '_'
@@ -227,11 +227,11 @@ struct Parser<'a> {
     next: usize,
     parameters: &'a BTreeMap<String, Outcome>,
     depth: usize,
-    /// False inside of a branch of `if`, `and` or `or` that does not contribute to the result.
+    /// False in a branch of `if`, `and` or `or` that does not contribute to the result. The numbers in such a branch may be infinite.
     must_be_finite: bool,
 }
 
-/// An operand: its value, and the range of its tokens.
+/// An operand: the range of its tokens, and its value.
 type Part = (Range<usize>, Quantity);
 
 impl Parser<'_> {
@@ -277,7 +277,7 @@ impl Parser<'_> {
         Ok(left)
     }
 
-    /// Reads an operand. `counts` is false if the operand does not contribute to the result.
+    /// Reads an operand. `counts` is true if the operand contributes to the result.
     fn read_counting<T>(&mut self, counts: bool, read: impl FnOnce(&mut Self) -> T) -> T {
         let before = self.must_be_finite;
         self.must_be_finite &= counts;
@@ -364,7 +364,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Reads the arguments of a call up to the closing `)`. `counts` receives the arguments before an argument, and returns true if the
+    /// Reads the arguments of a call up to the closing `)`. `counts` is called with the arguments read so far. It returns true if the next
     /// argument contributes to the result.
     fn arguments(
         &mut self,
@@ -400,7 +400,7 @@ impl Parser<'_> {
     }
 
     fn call(&mut self, name: &str) -> Result<Outcome, ExpressionError> {
-        // The name of the function and its `(` have already been read.
+        // The name of the function and its `(` are the previous two tokens.
         let start = self.next - 2;
         if name == "if" {
             return self.choice();
@@ -447,7 +447,7 @@ impl Parser<'_> {
                 _ => return Err(self.unit_error(name, "a pure number", &parts[0])),
             },
         };
-        // If an argument is NaN, `f64::min` and `libm::pow` may return a number.
+        // Given a NaN, `f64::min` and `libm::pow` may return a number, but the result of a function of NaN must be NaN.
         let is_none = from.iter().any(|x| x.is_nan());
         let found = if is_none { Quantity { value: f64::NAN, ..found } } else { found };
         self.finite_outcome(found, name, start..self.next, &from)
@@ -507,7 +507,7 @@ impl Parser<'_> {
         })
     }
 
-    /// Converts numbers to the unit of the first number that has one. Numbers without a unit take that unit.
+    /// Converts the numbers to the unit of the first number that has a unit. Numbers without a unit take that unit.
     fn in_common_unit(
         &self,
         user: &str,

@@ -1,4 +1,4 @@
-//! The metadata of files, which shows without reading a file whether the file has been written to.
+//! The metadata of files, which tells whether a file has changed without reading it.
 
 use std::fs::Metadata;
 use std::path::Path;
@@ -6,11 +6,11 @@ use std::time::{Duration, SystemTime};
 
 use serde::{Deserialize, Serialize};
 
-/// The metadata of a file: size, times of modification and status change, device and inode number. Writing to a file changes its metadata.
-/// The exception is a second write within the resolution of the clock.
+/// The metadata of a file: size, times of modification and status change, device and inode number. Every write to a file changes its
+/// metadata, except for a second write within the resolution of the clock.
 ///
-/// A file whose metadata is unchanged is not read again. As in git, this applies only if the metadata is old enough that a later write
-/// would have changed it.
+/// A file with unchanged metadata is not read again. As in git, this applies only if the metadata is older than the resolution of the
+/// clock, because a later write is then certain to change it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileStat {
     size: u64,
@@ -34,7 +34,7 @@ impl FileStat {
         std::fs::metadata(path).ok().map(|metadata| Self::new(&metadata))
     }
 
-    /// Returns the metadata of the file after it was moved. `None` if the file was also written to.
+    /// Returns the metadata of a file after it was moved. `None` if the file was also written to.
     pub fn after_move(before: &Metadata, after: &Metadata) -> Option<Self> {
         let (before, after) = (Self::new(before), Self::new(after));
         (Self { changed: before.changed, ..after } == before).then_some(after)
@@ -62,7 +62,7 @@ impl FileStat {
         self.size
     }
 
-    /// Returns true if every write from now on would change the metadata.
+    /// Returns true if every future write to the file will change the metadata.
     pub fn is_settled(&self) -> bool {
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let is_fine = !self.modified.is_multiple_of(1_000_000_000);

@@ -1,6 +1,6 @@
-//! The contents of the files that nodes read. Each file is read at most once per evaluation, and not at all if it is unchanged. The
-//! companions of a file are files to which it refers, such as the materials and picture of an OBJ file. They are read with the file, and
-//! its hash covers them.
+//! The contents of the files that nodes read. Each file is read at most once per evaluation, and an unchanged file is not read again. The
+//! companions of a file are files to which it refers, such as the materials and picture of an OBJ file. Companions are read with the file,
+//! and its hash covers them.
 
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
@@ -29,28 +29,28 @@ pub struct NodeFile {
     pub needed: bool,
     /// The folders that must contain the companions of the file.
     pub roots: Arc<[PathBuf]>,
-    /// The diagnostic that the check reported, if the node requires the file and the file cannot be read.
+    /// The diagnostic of the check, if the node requires the file and the file cannot be read. Otherwise `None`.
     pub missing: Option<Arc<Diagnostic>>,
-    /// True if the file belongs to an input, and a forecast has not read it.
+    /// True if the file is the value of an input, and a forecast has skipped reading it.
     pub is_unread: bool,
 }
 
 impl NodeFile {
-    /// Creates a file that is given from outside of the graph. Its companions must be in the folders `roots`.
+    /// Creates a file for a value that comes from outside of the graph. Its companions must be in the folders `roots`.
     pub fn from_path(path: &Path, roots: Arc<[PathBuf]>) -> Self {
         let (given, path) = (path.display().to_string(), path.to_owned());
         Self { given, path, needed: true, roots, missing: None, is_unread: false }
     }
 }
 
-/// A file that was read, with the metadata that it had then.
+/// A file that was read, with its hash and its metadata at the time of reading.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct KnownFile {
     path: PathBuf,
     as_read: ReadState,
 }
 
-/// The metadata of a file and its companions when the file was read.
+/// The hash of a file and its companions, and their metadata at the time of reading.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct ReadState {
     stamp: FileStat,
@@ -68,7 +68,7 @@ impl ReadState {
     }
 }
 
-/// The files that were read, by path, with the metadata that they had then.
+/// All files that have been read, by path, with their metadata at the time of reading.
 #[derive(Default)]
 pub struct KnownFiles(Mutex<HashMap<PathBuf, ReadState>>);
 
@@ -91,14 +91,13 @@ impl FileStats {
         Self { path: path.to_owned(), own: FileStat::read(path), companions: RefCell::default() }
     }
 
-    /// Adds the metadata of a companion, before the companion is read.
+    /// Records the metadata of a companion. Must be called before the companion is read.
     pub fn add(&self, companion: &Path) {
         self.companions.borrow_mut().push((companion.to_owned(), FileStat::read(companion)));
     }
 
-    /// Returns the metadata for `KnownFiles`, so that a forecast can skip reading the file; `hash` is the hash of the file's content.
-    /// Returns `None` for a small file, for a file that has changed meanwhile, and if a later write to the file might not change its
-    /// metadata.
+    /// Combines the metadata with `hash`, the hash of the file's content, so that a forecast can skip reading the file. Returns `None` for
+    /// a small file, for a file that has changed since, and if a later write to the file might not change its metadata.
     pub fn into_known_file(self, hash: Hash) -> Option<KnownFile> {
         let (stamp, companions) = (self.own?, self.companions.into_inner());
         let all = companions.iter().filter_map(|(_, stamp)| *stamp).chain([stamp]);
@@ -111,7 +110,8 @@ impl FileStats {
 }
 
 impl KnownFiles {
-    /// Returns the hash of the content if it is known, and `Some(None)` if the file does not exist. `None` if the file must be read.
+    /// Returns the hash of the file's content: `Some(None)` if the file does not exist, and `None` if the file must be read to know the
+    /// hash.
     pub fn cached_hash(&self, path: &Path) -> Option<Option<Hash>> {
         match std::fs::metadata(path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Some(None),
@@ -132,7 +132,7 @@ impl KnownFiles {
         lock(&self.0).insert(path.to_owned(), as_read);
     }
 
-    /// Returns those of the paths whose files are known, with their data.
+    /// Returns the data of those of the given paths whose files have been read.
     pub fn get_all<'a>(&self, paths: impl Iterator<Item = &'a Path>) -> Vec<KnownFile> {
         let known = lock(&self.0);
         paths
@@ -148,9 +148,9 @@ pub struct Reads<'a> {
     known: &'a KnownFiles,
     readers: &'a Readers,
     read: Mutex<HashMap<PathBuf, Arc<Slot>>>,
-    /// The number of bytes that may still be read. `None` if there is no limit.
+    /// Number of bytes that may still be read in this evaluation. `None` if there is no limit.
     left: Option<AtomicU64>,
-    /// The time spent reading, as a sum over all threads.
+    /// Time spent reading, in ns, summed over all threads.
     nanoseconds: AtomicU64,
 }
 
@@ -162,14 +162,14 @@ impl<'a> Reads<'a> {
         Self { known, readers, read, left, nanoseconds }
     }
 
-    /// Limits the number of bytes that are read, for a forecast, which does not read large files: see
+    /// Limits the number of bytes that are read, for use by a forecast. Large files are skipped: see
     /// [`is_too_large_for_forecast`](Self::is_too_large_for_forecast).
     #[must_use]
     pub fn with_forecast_limit(self) -> Self {
         Self { left: Some(MAX_FORECAST_BYTES.into()), ..self }
     }
 
-    /// Returns true if a file and its companions would have to be read to know their hash, and are too large for a forecast.
+    /// Returns true if the hash of a file and its companions is unknown and they are too large for a forecast to read.
     pub fn is_too_large_for_forecast(&self, file: &NodeFile) -> bool {
         if file.is_unread {
             return true;
@@ -196,12 +196,12 @@ impl<'a> Reads<'a> {
         left.fetch_update(order, order, |left| left.checked_sub(size)).is_err()
     }
 
-    /// Returns the time spent reading in seconds, as a sum over all threads.
+    /// Returns the time spent reading in s, summed over all threads.
     pub fn seconds(&self) -> f64 {
         self.nanoseconds.load(Ordering::Relaxed) as f64 / 1e9
     }
 
-    /// Returns the hash of the content. `None` if an optional file does not exist.
+    /// Returns the hash of the file's content. `None` if the file is optional and does not exist.
     pub fn hash(&self, file: &NodeFile) -> Result<Option<Hash>, ReadError> {
         let read = lock(&self.read).get(&file.path).cloned();
         if let Some(read) = read.as_ref().and_then(|slot| slot.get()) {
@@ -213,12 +213,12 @@ impl<'a> Reads<'a> {
         }
     }
 
-    /// Returns the file with its content. `None` if an optional file does not exist.
+    /// Returns the file with its content. `None` if the file is optional and does not exist.
     pub fn file(&self, file: &NodeFile) -> Result<Option<File>, ReadError> {
         let slot = lock(&self.read).entry(file.path.clone()).or_default().clone();
         let found = match slot.get() {
             Some(found) => found.clone(),
-            // The file is not read inside of `get_or_init`, because a thread must not wait for a thread that may wait for it.
+            // Read outside of `get_or_init`, which would block other threads on this one and could cause a deadlock.
             None => {
                 let start = Instant::now();
                 let found = self.read(file)?;
@@ -256,11 +256,11 @@ impl<'a> Reads<'a> {
     }
 }
 
-/// The maximum number of bytes that a forecast reads. Hashing 64 MiB takes about 20 ms, whereas a scan of 3 GB takes 22 s. If a file is
-/// larger and its metadata differs from that of the last run, it is reported as possibly changed.
+/// Maximum number of bytes that a forecast reads. Hashing 64 MiB takes about 20 ms, whereas a scan of 3 GB takes 22 s. A larger file is
+/// reported as possibly changed if its metadata differs from that of the last run.
 const MAX_FORECAST_BYTES: u64 = 64 << 20;
 
-/// Returns the size of a file with its companions. If the size exceeds the limit of a forecast, any size above the limit may be returned.
+/// Returns the size of a file with its companions in bytes. Above the limit of a forecast, the result is not exact but exceeds the limit.
 fn size_with_companions(file: &NodeFile, readers: &Readers) -> u64 {
     fn size(path: &Path) -> u64 {
         std::fs::metadata(path).map_or(0, |metadata| metadata.len())
@@ -281,7 +281,7 @@ fn size_with_companions(file: &NodeFile, readers: &Readers) -> u64 {
         }
     };
     let name = file.path.to_string_lossy();
-    // If a reader panics, the panic is reported when the file is read.
+    // Ignore a panic of a reader. It will be reported when the file is read.
     let reading = InputFile::new(&name, &bytes, &beside);
     let _ = catch_unwind(AssertUnwindSafe(|| readers.ask_companions(&reading)));
     drop(reading);
@@ -299,10 +299,10 @@ pub fn companion_paths(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec
     found.map_or(Vec::new(), |(_, stamps)| stamps.into_iter().map(|(path, _)| path).collect())
 }
 
-/// The companions of a file, with the metadata that each has before it is read.
+/// The companions of a file, and the metadata of each companion from before it was read.
 type NamedFiles = (Companions, Vec<(PathBuf, Option<FileStat>)>);
 
-/// Determines the companions of a file by means of the readers for the file.
+/// Asks the readers of the file's format which companions the file has, and reads the companions.
 ///
 /// # Errors
 /// A reader panics. The error is the message of the panic.
@@ -343,7 +343,7 @@ fn hash(bytes: &[u8], companions: &Companions) -> Hash {
     let mut hashes = HashMap::new();
     for (name, found) in companions {
         let found = match found {
-            // Different names may lead to the same companion.
+            // Compute the hash once for a companion to which the file refers by several names.
             Ok(bytes) => hashes
                 .entry((bytes.as_ptr(), bytes.len()))
                 .or_insert_with(|| Hash::compute(bytes).to_string())

@@ -1,4 +1,4 @@
-//! The parts of a flat graph: nodes, links and outputs.
+//! The parts of a flat graph, in which all used graphs have been replaced by their nodes: nodes, links and outputs.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -21,7 +21,7 @@ pub struct GraphNode {
     /// The text of the file that contains the node.
     pub source_map: Arc<SourceMap>,
     pub span: Span,
-    /// The uses of graphs that lead to the node, from the outermost one.
+    /// The path from the root graph to the node: each item is a node that uses another graph, outermost first.
     pub uses: Arc<[Use]>,
     pub node: Arc<dyn AnyNode>,
     /// The pack of the node type; empty for types of the engine itself.
@@ -33,13 +33,13 @@ pub struct GraphNode {
     /// The call as the file contains it, with parameters replaced by their values.
     pub(crate) tree: Arc<Tree>,
     pub outputs: Vec<&'static str>,
-    /// The type of each output. `None` if the type depends on a port without a link.
+    /// The type of each output. `None` if the type depends on a port that has no link.
     pub types: Vec<Option<&'static ValueType>>,
-    /// The tests of the node's inputs that are made before the node runs.
+    /// The properties of inputs that are tested before the node runs.
     pub guards: Vec<Guard>,
 }
 
-/// A use of a graph, a `ForEach` or a `Switch`.
+/// A node of a graph file that was replaced by other nodes: a used graph, a `ForEach` or a `Switch`.
 #[derive(Clone)]
 pub struct GraphUse {
     pub name: String,
@@ -47,9 +47,9 @@ pub struct GraphUse {
     pub kind: String,
     /// For each port, the linked node and output.
     pub inputs: Vec<(String, (usize, usize))>,
-    /// For each output, the nodes and outputs that it represents. Only an output of a `ForEach` represents several.
+    /// For each output, the nodes and outputs of the flat graph that compute it. Only an output of a `ForEach` has several.
     pub outputs: Vec<(String, Vec<(usize, usize)>)>,
-    /// True for a `ForEach` whose elements are not known yet, so that an example represents them.
+    /// True for a `ForEach` whose number of elements is still unknown. One example node represents its elements.
     pub is_open: bool,
 }
 
@@ -69,7 +69,7 @@ pub struct GraphOutput {
     pub node: usize,
     pub output: usize,
     pub format: Format,
-    /// The values from outside of the graph on which the output depends.
+    /// The parameters and other values from outside of the graph on which the output depends.
     pub lineage: Arc<Lineage>,
     /// The file that declares the output. `span` is a position in that file.
     pub source: Arc<Source>,
@@ -82,8 +82,8 @@ impl GraphNode {
         &self.recipe.kind
     }
 
-    /// Returns the position of the parameter at a path through the node's fields, as text. If uses pass a value on to a parameter, the
-    /// position is the one at which the value is written.
+    /// Returns the position of a parameter as text, such as `file:line:column`. `path` leads to the parameter through the node's fields.
+    /// For a value that is passed on from graph to graph, the position is that of the original value.
     pub fn place_of(&self, path: &[String]) -> String {
         let tree = self.tree.descend(path);
         match &tree.origin {
@@ -109,14 +109,14 @@ impl GraphNode {
     }
 }
 
-/// The values from outside of a graph on which an output depends.
+/// The parameters and other values from outside of a graph on which an output depends.
 #[derive(Debug, Default)]
 pub struct Lineage {
     /// True for a draft, in which each `Draft(..)` has its draft value.
     pub draft: bool,
-    /// The names of parameters, in the order of the file.
+    /// The names of the parameters on which the output depends, in the order of the file.
     pub parameters: Vec<String>,
-    /// The fields of nodes that `--set` has set.
+    /// The fields of nodes that the option `--set` has set, with their values.
     pub set: Vec<(String, Json)>,
 }
 
@@ -139,19 +139,19 @@ pub struct Loop {
     pub name: String,
     /// The node that splits the data into elements.
     pub node: usize,
-    /// True if the number of elements is not known, so that the graph contains an example.
+    /// True if the number of elements is still unknown. The graph then contains one example element.
     pub is_open: bool,
 }
 
-/// A guard: a test of an input of a node, made before the node runs.
+/// A test of a property of a node's input, made before the node runs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Guard {
-    /// The index of the link at the tested input.
+    /// The index of the link whose value is tested.
     pub slot: usize,
     pub property: &'static str,
-    /// A description of the part that has the requirement: port `mesh`, or input `skin` of `shell`.
+    /// A description of the origin of the requirement: port `mesh`, or input `skin` of `shell`.
     pub by: Arc<str>,
-    /// The input of the graph that requires the property. `None` if a port of the node requires it.
+    /// The input of a used graph that requires the property. `None` if a port of the node itself requires it.
     pub input: Option<Arc<RequiringInput>>,
 }
 
@@ -161,12 +161,12 @@ pub struct RequiringInput {
     /// The file that declares the input. `span` is a position in that file.
     pub(crate) source: Arc<Source>,
     pub(crate) span: Span,
-    /// The uses that lead to the graph, from the outermost one.
+    /// The path from the root graph to the graph of the input, outermost use first.
     pub(crate) uses: Arc<[Use]>,
 }
 
 impl RequiringInput {
-    /// Returns the error for a violated requirement, at the position of the use. If no other graph uses the graph, the error is at the
+    /// Returns the error for a violated requirement. Its position is that of the node that uses the graph or, for a root graph, the
     /// declaration of the input.
     pub fn diagnostic(&self, message: String, help: String) -> Diagnostic {
         let (source, span) = (self.source.clone(), self.span);

@@ -1,5 +1,5 @@
-//! `ForEach` and `Switch`. They are written like nodes, but are resolved when the graph is read or, for a `ForEach` over data, when the
-//! data are known.
+//! `ForEach` and `Switch`. They are written like nodes, but other nodes replace them: when the file is read or, for a `ForEach` over data,
+//! when the data are known.
 
 use std::collections::HashSet;
 
@@ -42,7 +42,7 @@ impl ForEachFields {
         self.carry.iter().map(|field| (name_of(&field.name.text), field.value.clone())).collect()
     }
 
-    /// Returns the call of each element of a list.
+    /// Returns the node calls for the elements of a list, one call per element.
     pub(super) fn calls(&self, name: &str, list: &[Tree]) -> Vec<Tree> {
         let calls = list.iter().enumerate().map(|(index, element)| {
             let own = element.fields().unwrap_or_default();
@@ -66,7 +66,7 @@ impl ForEachFields {
         calls.collect()
     }
 
-    /// Returns the call of an element, without data and without the element's number.
+    /// Returns the node call for one element, without the fields that contain the element's data and number.
     pub(super) fn example(&self, span: Span) -> Tree {
         self.call(self.common.iter().chain(&self.carry).cloned().collect(), span)
     }
@@ -76,7 +76,7 @@ impl ForEachFields {
     }
 }
 
-/// Returns the field that receives the number of an element.
+/// Returns the field through which an element receives its number.
 pub(super) fn number_field(name: &Name, number: usize) -> Field {
     let number = Kind::Number { value: number as f64, whole: true };
     Field { name: name.clone(), value: Tree::new(name.span, number) }
@@ -254,7 +254,7 @@ impl Check<'_, '_> {
 }
 
 impl Branches {
-    /// Returns the index of the case that the value of a parameter names.
+    /// Returns the index of the case whose name is the value `value`.
     ///
     /// # Errors
     /// No case has that name. The error is the message and the word.
@@ -275,7 +275,7 @@ impl Branches {
         found.ok_or_else(|| (format!("Switch has no case `{word}`"), word))
     }
 
-    /// Returns a suggestion for a word that names no case.
+    /// Returns a suggestion for a word that is not the name of a case.
     pub(super) fn suggest_case(&self, word: &str) -> Help {
         if word.is_empty() {
             return Help::default();

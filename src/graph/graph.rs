@@ -31,37 +31,38 @@ pub struct Graph {
     pub(crate) outputs: Vec<GraphOutput>,
     /// The file readers of all packs of the program.
     pub(crate) readers: Arc<Readers>,
-    /// The inputs, if the graph is a function of values. In that case `ports` are its outputs.
+    /// The inputs, if the graph has a section `inputs`. The outputs of such a graph are `ports`.
     pub(crate) inputs: Vec<GraphInput>,
     pub(crate) ports: Vec<GraphPort>,
-    /// The text from which the graph can be expanded again without optional inputs. Present only if there are optional inputs, and none of
-    /// them has a value yet.
+    /// The text of the file, for expanding the graph again without some optional inputs. `None` if it has no optional inputs, or if one of
+    /// them already has a value.
     pub(crate) text: Option<Arc<GraphText>>,
     /// The expectations of the graph and of the graphs that it uses.
     pub(crate) expect: Arc<[GraphExpectation]>,
     /// The schema of the inputs and parameters.
     pub(crate) schema: serde_json::Value,
-    /// The entries that are written like nodes but were expanded: uses of graphs, `ForEach` and `Switch`.
+    /// The entries that are written like nodes but were replaced by other nodes: used graphs, `ForEach` and `Switch`.
     pub(crate) uses: Arc<[GraphUse]>,
-    /// All `ForEach` of the graph that iterate over data.
+    /// Each `ForEach` of the graph that iterates over data.
     pub(crate) loops: Arc<[Loop]>,
-    /// Those `ForEach` over data whose number of elements is known.
+    /// The names of all `ForEach` nodes over data whose number of elements is known.
     pub(crate) counted: BTreeSet<String>,
-    /// The data from which the graph can be expanded again, if it has a `ForEach` over data.
+    /// The data for expanding the graph again with other numbers of elements. `None` if it has no `ForEach` over data.
     pub(crate) stage: Option<Arc<Stage>>,
-    /// The values at the inputs of the graph.
+    /// What is known about the values of the graph's inputs.
     pub(crate) given: KnownInputs,
     /// The command-line options with which the graph was read.
     pub(crate) words: Arc<[String]>,
-    /// Warnings about unused nodes, and about required properties that a value can never have.
+    /// Warnings about unused nodes, and about required properties that a value never has.
     pub(crate) warnings: Vec<Diagnostic>,
 }
 
 /// The result of checking a graph file.
 pub struct CheckedGraph {
-    /// The graph; `None` if there are errors.
+    /// The graph. `None` if the file has errors.
     pub graph: Option<Graph>,
-    /// The graph in which invalid nodes and their dependents fail. Present if all errors are unknown types or missing files of nodes.
+    /// The graph in which invalid nodes and their dependents fail when they are evaluated. `None` if there are errors other than unknown
+    /// types and missing files of nodes.
     pub partial: Option<Graph>,
     /// All diagnostics, in the order of their positions.
     pub diagnostics: Vec<Diagnostic>,
@@ -87,7 +88,7 @@ impl Graph {
         &self.outputs
     }
 
-    /// Returns the entries that are written like nodes but were expanded: uses of graphs, `ForEach` and `Switch`.
+    /// Returns the entries that are written like nodes but were replaced by other nodes: used graphs, `ForEach` and `Switch`.
     pub fn uses(&self) -> &Arc<[GraphUse]> {
         &self.uses
     }
@@ -111,7 +112,7 @@ impl Graph {
         &self.words
     }
 
-    /// Stores the text of the graph, if the graph may have to be expanded again without optional inputs.
+    /// Stores the text of the graph, if it has optional inputs and may have to be expanded again without some of them.
     pub fn remember(&mut self, path: &Path, text: &str, options: &Options) {
         if self.inputs.iter().any(|input| input.optional) {
             let (path, text, options) = (path.to_owned(), text.to_owned(), options.clone());
@@ -124,8 +125,8 @@ impl Graph {
         Diagnostic::new(Severity::Error, code, (self.source.clone(), Span::default()), message)
     }
 
-    /// Returns the warnings: one for each node of the graph's own file that no output or expectation needs, and one for each required
-    /// property that a value can never have.
+    /// Returns the warnings: one for each node of the root graph's file that no output or expectation needs, and one for each required
+    /// property that a value never has.
     pub fn unused_warnings(&self) -> &[Diagnostic] {
         &self.warnings
     }
@@ -162,8 +163,8 @@ impl Graph {
         self.outputs.iter().map(|output| output.name.as_str())
     }
 
-    /// Returns the name and type of each output file; for a function, those of each output value. `None` as the type if it depends on an
-    /// input.
+    /// Returns the name and type of each output file or, if the graph has inputs, of each output value. The type is `None` if it depends on
+    /// an input.
     pub fn results(&self) -> impl Iterator<Item = (&str, Option<&'static ValueType>)> {
         let files =
             self.outputs.iter().map(|output| (&output.name[..], output.node, output.output));
@@ -179,15 +180,15 @@ impl Graph {
         self.outputs.is_empty() && !self.ports.is_empty()
     }
 
-    /// Converts a value for a parameter to RON, as [`Options::set`] takes it. The declaration of the parameter determines if a string is a
-    /// choice, a text or a color; a list is a vector. Returns `None` if no such parameter exists.
+    /// Converts a value for a parameter to RON, in the form that [`Options::set`] takes. The declaration of the parameter determines if a
+    /// string is a choice, a text or a color. A list is converted to a vector. Returns `None` if no such parameter exists.
     pub fn as_ron(&self, parameter: &str, value: &serde_json::Value) -> Option<String> {
         let declared = self.schema.get("properties")?.get(parameter)?;
         Some(to_ron(value, declared, &self.schema))
     }
 
-    /// Returns a command line for one of the graph's values, such as `maquette inspect graph.ron nose`. It contains the options with which
-    /// the graph was read.
+    /// Returns a command line about one of the graph's values, such as `maquette inspect graph.ron nose`, with the options with which the
+    /// graph was read.
     pub fn command(&self, verb: &str, link: &str) -> String {
         let file = self.source.name.display().to_string();
         let given = self.given.keys().flat_map(|name| ["--input".into(), format!("{name}=..")]);
@@ -197,7 +198,7 @@ impl Graph {
         })
     }
 
-    /// Returns the node and output of a value, which is given by the name of an output or by a link.
+    /// Returns the node and output of a value. `name` is the name of an output of the graph, or a link such as `nose.mask`.
     pub fn find_value(&self, name: &str) -> Option<(usize, usize)> {
         let outputs = self.outputs.iter().map(|output| (&output.name, output.node, output.output));
         let ports = self.ports.iter().map(|port| (&port.name, port.node, port.output));
@@ -205,7 +206,7 @@ impl Graph {
         found.map(|(_, node, output)| (node, output)).or_else(|| self.target(name))
     }
 
-    /// Returns the node and output of a link: `node`, `node.output`, or an output of a use.
+    /// Returns the node and output to which a link leads: `node`, `node.output`, or an output of a used graph.
     pub fn target(&self, link: &str) -> Option<(usize, usize)> {
         let (name, output) = match link.split_once('.') {
             Some((name, output)) => (name, Some(output)),
@@ -227,7 +228,7 @@ impl Graph {
         }
     }
 
-    /// Returns the node of this name. For the name of a use, returns all nodes that compute the outputs of the use.
+    /// Returns the node of this name. If the name belongs to a used graph, returns all nodes that compute the outputs of that graph.
     pub fn nodes_of(&self, name: &str) -> Vec<usize> {
         let given = self.uses.iter().filter(|given| given.name == name);
         let given = given.flat_map(|given| &given.outputs).flat_map(|(_, targets)| targets);
@@ -239,7 +240,7 @@ impl Graph {
         nodes
     }
 
-    /// Returns the names of nodes, uses, `ForEach` and `Switch`.
+    /// Returns the names of all nodes and used graphs, and of each `ForEach` and `Switch`.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.node_names().chain(self.uses.iter().map(|given| &given.name[..]))
     }
@@ -249,14 +250,13 @@ impl Graph {
         self.topology.names.iter().position(|other| other == name)
     }
 
-    /// Returns true if evaluating either graph computes and writes the same data. Such graphs differ only in comments and the order of
-    /// fields.
+    /// Returns true if both graphs compute and write equal data. Such graphs differ at most in comments and the order of fields.
     pub fn means_the_same(&self, other: &Self) -> bool {
-        // If a graph contains an example of its elements, equal parts do not prove that the graphs are equal.
+        // While an example represents the elements of a `ForEach`, graphs with equal parts may still differ.
         self.stage.is_none() && self.has_the_same_parts(other)
     }
 
-    /// Returns true if both graphs have equal nodes, outputs and expectations. A `ForEach` over data is compared by its example.
+    /// Returns true if both graphs have equal nodes, outputs and expectations. Each `ForEach` over data is compared by its example element.
     pub fn has_the_same_parts(&self, other: &Self) -> bool {
         self.topology.identity == other.topology.identity
             && self.expect.len() == other.expect.len()
@@ -285,14 +285,14 @@ impl Graph {
     }
 }
 
-/// The text from which a graph can be expanded again without optional inputs.
+/// The text of a file, for expanding the graph again without some optional inputs.
 pub(crate) struct GraphText {
     pub(crate) path: PathBuf,
     pub(crate) text: String,
     pub(crate) options: Options,
 }
 
-/// The data from which a graph can be expanded again with other numbers of elements.
+/// The data for expanding a graph again with other numbers of elements.
 pub(crate) struct Stage {
     pub whole: Arc<ParsedFile>,
     pub options: Options,
@@ -302,6 +302,6 @@ pub(crate) struct Stage {
     /// The names of the optional inputs that are omitted.
     pub absent: BTreeSet<String>,
     pub pins: Arc<Pins>,
-    /// The last expansion with its numbers of elements. The `stage` of that graph is empty.
+    /// The last expansion, with its numbers of elements. The field `stage` of that graph is `None`.
     pub last: Mutex<Option<(Counts, Graph)>>,
 }

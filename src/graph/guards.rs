@@ -1,4 +1,4 @@
-//! Guards: tests of properties that a node requires and the node that computes the value does not promise.
+//! Guards: tests of properties that a node requires of its input and that the node computing this input does not promise.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -13,10 +13,10 @@ use crate::flat::Guard;
 /// The index of a node, and the index of the node's output.
 type Target = (usize, usize);
 
-/// Pairs of an output and a property that the output is known to have, or to lack.
+/// Pairs of an output and a property. All outputs of one set are known to have their property, or all are known to lack it.
 type Facts<'p> = HashSet<(Target, &'p str)>;
 
-/// The properties that the values of a flat graph are known to have or to lack before the graph runs.
+/// The properties that the values of a flat graph are known to have or to lack before the graph is evaluated.
 #[derive(Default)]
 pub(super) struct KnownProperties {
     always: Facts<'static>,
@@ -24,8 +24,8 @@ pub(super) struct KnownProperties {
 }
 
 impl KnownProperties {
-    /// Determines the known properties, adds the nodes' own requirements to their guards, and removes the guards that known properties
-    /// satisfy. Returns warnings about required properties that a value can never have.
+    /// Determines the known properties. Adds the nodes' own requirements to their guards, and removes guards that known properties satisfy.
+    /// Returns warnings about required properties that a value never has.
     pub(super) fn resolve_guards(nodes: &mut [GraphNode]) -> (Self, Vec<Diagnostic>) {
         let (mut known, mut warnings) = (Self::default(), Vec::new());
         for index in 0..nodes.len() {
@@ -54,8 +54,8 @@ impl KnownProperties {
                     Origin::From(port) => {
                         let links = node.links.iter().enumerate();
                         let mut links = links.filter(|(_, link)| link.port == port).peekable();
-                        // Without links from this port, `all` would be trivially true. The guards have already tested the linked values
-                        // when the node runs.
+                        // Without links from this port, `all` would be trivially true. A guard of this node also makes a property certain,
+                        // because guards are tested before the node runs.
                         links.peek().is_some()
                             && links.all(|(slot, link)| {
                                 known.always.contains(&((link.node, link.output), property))
@@ -78,8 +78,8 @@ impl KnownProperties {
         (known, warnings)
     }
 
-    /// Removes the promises of graphs that follow from promises of their nodes. Warns about promises that cannot be kept, once for all
-    /// elements of a `ForEach`.
+    /// Removes the promises of graphs that are known to hold because of promises of their nodes. Warns about promises that cannot be kept,
+    /// once for all elements of a `ForEach`.
     pub(super) fn retain_open_promises(
         &self,
         expected: &mut Vec<GraphExpectation>,
@@ -107,14 +107,14 @@ impl KnownProperties {
 }
 
 impl Guard {
-    /// Returns the output that is tested, and the property.
+    /// Returns the output whose value the guard tests, and the tested property.
     fn tested_property(&self, node: &GraphNode) -> (Target, &'static str) {
         let Link { node, output, .. } = node.links[self.slot];
         ((node, output), self.property)
     }
 }
 
-/// Returns true if a value to which the link leads may have the property.
+/// Returns true if the type of the linked value defines this property.
 fn has_property(nodes: &[GraphNode], link: &Link, property: &str) -> bool {
     let kind = nodes[link.node].types.get(link.output).copied().flatten();
     kind.is_some_and(|kind| kind.property(property).is_some())
@@ -136,11 +136,11 @@ fn never_holds_warning(nodes: &[GraphNode], node: &GraphNode, guard: &Guard) -> 
 }
 
 impl Graph {
-    /// Returns the link that leads to an output of a node.
+    /// Returns the link that refers to an output of a node.
     pub fn link_name(&self, node: usize, output: usize) -> String {
         let GraphNode { name, outputs, .. } = &self.nodes[node];
         match (name.rsplit_once('/'), outputs.len()) {
-            // The data of one element of a `ForEach`.
+            // The name is that of the data of one element of a `ForEach`.
             (Some((each, port)), _) if self.nodes[node].kind() == ELEMENTS => {
                 format!("{each}/{}/{port}", output + 1)
             }

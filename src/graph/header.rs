@@ -19,17 +19,17 @@ pub(super) const FIELDS: [&str; 11] = [
 /// The values of the fields of a graph.
 pub(super) struct Header<'t> {
     pub(super) doc: String,
-    /// The version that the graph states.
+    /// The field `version` of the graph.
     pub(super) version: Option<&'t Tree>,
     /// The packs that the graph requires, with their versions.
     pub(super) packs: &'t [(Tree, Tree)],
     pub(super) uses: &'t [(Tree, Tree)],
-    /// The inputs that the file declares. `None` if the file omits the field: then the outputs are files, not ports.
+    /// The declared inputs. `None` if the file has no field `inputs`; the outputs of the graph are then files, not ports.
     pub(super) inputs: Option<&'t [(Tree, Tree)]>,
     pub(super) params: &'t [(Tree, Tree)],
     pub(super) nodes: &'t [(Tree, Tree)],
     pub(super) outputs: &'t [(Tree, Tree)],
-    /// The promised properties of the outputs.
+    /// The properties that the graph promises of its outputs.
     pub(super) promises: &'t [(Tree, Tree)],
     pub(super) expect: Option<&'t Tree>,
 }
@@ -40,18 +40,18 @@ pub fn is_name(word: &str) -> bool {
         && word.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
 }
 
-/// Returns the field that stands for the name of an input or a parameter, `eye_step` for `eye-step`.
+/// Returns the field name for an input or a parameter: `eye_step` for `eye-step`.
 pub fn field_of(name: &str) -> String {
     name.replace('-', "_")
 }
 
-/// Returns the name for which a field stands, `eye-step` for `eye_step`.
+/// Returns the name of the input or parameter for a field name: `eye-step` for `eye_step`.
 pub fn name_of(field: &str) -> String {
     field.replace('_', "-")
 }
 
 impl Check<'_, '_> {
-    /// Returns true if the file has an unknown format version. That is reported, and nothing else in the file is checked.
+    /// Reports an unknown format version, and returns true. The rest of the file is then not checked.
     pub(super) fn is_other_format(&mut self, tree: &Tree) -> bool {
         let fields = tree.fields().unwrap_or_default();
         let Some(field) = fields.iter().find(|field| field.name.text == "format") else {

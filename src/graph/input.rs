@@ -1,6 +1,7 @@
-//! The inputs of a graph. Their values come from a graph that uses this one, or from a caller of the graph as a function.
+//! The inputs of a graph. Their values come from another graph that uses this one, or from a program that calls the graph as a function.
 //!
-//! A file for an input is read as a node would read it, including a `camera.json` in the folder of a range file or picture.
+//! If a file contains the value of an input, the file is read as a node would read it. This includes a `camera.json` in the folder of a
+//! range file or picture.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -22,19 +23,19 @@ use crate::flat::Lineage;
 /// The values for the inputs of a graph, by the names of the inputs.
 pub type InputValues = BTreeMap<String, AnyValue>;
 
-/// The known data about the values of a graph's inputs, by the names of the inputs.
+/// What is known about the values of a graph's inputs, by the names of the inputs.
 pub type KnownInputs = BTreeMap<String, KnownInput>;
 
-/// The values that were read for inputs, by the names of the inputs, with warnings. If reading fails, all errors.
+/// The values read for the inputs, by the names of the inputs, with warnings. If reading fails, all errors.
 pub type ReadInputs<T> = Result<(BTreeMap<String, T>, Vec<Diagnostic>), Vec<Diagnostic>>;
 
-/// The known data about the value of an input. Only a forecast can do without the value itself.
+/// What is known about the value of an input. An evaluation needs the value itself; a forecast can use its hash or file.
 #[derive(Clone, Debug)]
 pub enum KnownInput {
     Value(AnyValue),
     /// Only the hash of the value is known.
     Hash(Hash),
-    /// The file that contains the value, and that has not been read.
+    /// The unread file that contains the value.
     File(NodeFile),
 }
 
@@ -43,22 +44,22 @@ pub enum KnownInput {
 pub struct GraphInput {
     /// The name of the input.
     pub name: String,
-    /// The type of values that it takes.
+    /// The type of the input's values.
     pub kind: &'static ValueType,
     /// The author's description of the input.
     pub doc: String,
-    /// True if a use may omit the input, together with all links to it.
+    /// True if a graph that uses this one may omit the input. All links to the input are then removed.
     pub optional: bool,
-    /// The node that represents the input.
+    /// The index of the node that represents the input.
     pub(super) node: usize,
 }
 
-/// An output of a graph that has inputs. It is a value for users or callers of the graph.
+/// An output of a graph that has inputs. Its value is passed to the graph or program that uses this graph.
 #[derive(Clone, Debug)]
 pub struct GraphPort {
     /// The name of the output.
     pub name: String,
-    /// The type of the values. `None` if the type depends on an input.
+    /// The type of the output's values. `None` if the type depends on an input.
     pub kind: Option<&'static ValueType>,
     pub node: usize,
     pub output: usize,
@@ -88,14 +89,14 @@ impl Graph {
         &self.ports
     }
 
-    /// Sets the values of inputs, so that the graph can be evaluated by itself. The results have the same keys as in a graph that uses this
-    /// one with equal values. The outputs become files in the default formats of their types.
+    /// Sets the values of inputs, so that the graph can be evaluated on its own. The results have the same cache keys as in a graph that
+    /// uses this one with equal values. The outputs become files in the default formats of their types.
     ///
-    /// An input without a value is not an error. If it is optional, it is omitted permanently; otherwise the nodes that depend on it fail
-    /// when they are evaluated.
+    /// An input without a value is not an error. If the input is optional, it is removed from the returned graph. Otherwise the nodes that
+    /// depend on it fail when they are evaluated.
     ///
     /// # Errors
-    /// A value has a wrong type, or one of the names is not that of an input.
+    /// A value has a wrong type, or a name is not the name of an input.
     pub fn with_inputs(
         &self,
         values: &InputValues,
@@ -106,10 +107,10 @@ impl Graph {
         self.with_known_inputs(&known.collect(), catalog)
     }
 
-    /// Sets what is known about the values of inputs, for a forecast.
+    /// Sets what is known about the values of inputs, for a forecast of an evaluation.
     ///
     /// # Errors
-    /// As [`with_inputs`](Self::with_inputs).
+    /// The same errors as in [`with_inputs`](Self::with_inputs).
     pub fn with_known_inputs(
         &self,
         values: &KnownInputs,
@@ -181,7 +182,7 @@ impl Graph {
     /// the reader.
     ///
     /// # Errors
-    /// A name is not that of an input, or a file cannot be read.
+    /// A name is not the name of an input, or a file cannot be read.
     pub fn read_inputs(
         &self,
         files: &[(String, PathBuf)],
@@ -190,10 +191,10 @@ impl Graph {
         self.read_inputs_by(files, |path, kind| catalog.readers().open(path, Some(kind)))
     }
 
-    /// Reads inputs with `open`. That function returns the content of a file for an input of a given type, and warnings.
+    /// Reads the values of inputs by calling `open` for each file and input. `open` returns the content of the file, and warnings.
     ///
     /// # Errors
-    /// A name is not that of an input, or a file cannot be read.
+    /// A name is not the name of an input, or a file cannot be read.
     pub fn read_inputs_by<T>(
         &self,
         files: &[(String, PathBuf)],
@@ -228,7 +229,7 @@ impl Graph {
     /// Returns the input of this name.
     ///
     /// # Errors
-    /// There is no such input.
+    /// No input has this name.
     fn input(&self, name: &str) -> Result<&GraphInput, Box<Diagnostic>> {
         let found = self.inputs.iter().find(|input| input.name == name);
         found.ok_or_else(|| Box::new(self.no_input(name)))
@@ -280,13 +281,13 @@ impl Graph {
 /// The type name of the nodes that represent inputs.
 pub const INPUT: &str = "Input";
 
-/// The node that represents an input, with the input's value if that is set.
+/// The node that represents an input. Its value is `None` until it is set.
 struct Input {
     name: String,
     value: Option<AnyValue>,
 }
 
-/// The error for evaluating a graph while an input has no value.
+/// The error of an evaluation that needs an input without a value.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "it is an input without a value: `maquette run --input {0}=FILE` gives it one, as does a graph that uses this one"

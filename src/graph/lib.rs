@@ -4,7 +4,7 @@
 //! `link`, `outputs` and others). Each step adds to a [`Check`](check::Check), and together they result in a `definition`. `parameters` and
 //! `expression` evaluate `Param`, `Expr` and `--set`. `expand` combines all files into one flat graph, whose parts are defined in `flat`;
 //! `stage` and `repeat` create the elements of a `ForEach` over data. [`Catalog`](catalog::Catalog) contains the node types of all packs.
-//! `canonical` computes the meaning of a text, on which `diff`, `lock`, `migrate` and `pins` are based.
+//! `canonical` computes the canonical form of a text, on which `diff`, `lock`, `migrate` and `pins` are based.
 //!
 //! Start reading in `graph.rs`, then `load.rs` and `expand.rs`.
 //!

@@ -1,6 +1,5 @@
-//! The values from outside of a graph, such as parameters, to which an output or one of its dependencies refers. A `Switch` counts as a
-//! dependency.
-//! too.
+//! The values from outside of a graph, such as parameters, that affect an output: those to which the output's node or one of its
+//! dependencies refers. A `Switch` counts as a dependency.
 
 use std::collections::HashMap;
 
@@ -61,7 +60,8 @@ impl Lineage {
     }
 }
 
-/// Returns true if the target of a `--set` is a field of the node `node`, or a field of the `ForEach` of which the node is an element.
+/// Returns true if the target of a `--set` is a field of the node `node`. For an element of a `ForEach`, also if it is a field of the
+/// `ForEach`.
 fn sets_field_of(target: &str, node: &str) -> bool {
     fn is_in(target: &str, node: &str) -> bool {
         target.strip_prefix(node).is_some_and(|field| field.starts_with('.'))
@@ -69,7 +69,7 @@ fn sets_field_of(target: &str, node: &str) -> bool {
     is_in(target, node) || node.split_once('/').is_some_and(|(for_each, _)| is_in(target, for_each))
 }
 
-/// Returns a text without the quotes around it.
+/// Returns the text in a quoted value. Returns any other value as it is.
 fn plain(value: &str) -> String {
     let tree = parse(value).0;
     tree.text().unwrap_or(value).to_owned()

@@ -11,16 +11,16 @@ use super::dependencies::Dependencies;
 use super::header::name_of;
 use crate::definition::{ForEachNode, NodeKind, ParsedNode};
 
-/// The maximum number of links that are followed through `ForEach`es without elements. A longer chain must be a cycle.
+/// Maximum number of links that are followed through `ForEach` nodes without elements. A longer chain must be a cycle.
 const MAX_CHAINED_LINKS: usize = 64;
 
-/// The names of the nodes and of the `ForEach`es to which a link can lead.
+/// The names of nodes and `ForEach` nodes to which a link can lead.
 pub struct Names<'e> {
     places: HashMap<String, NamedTarget>,
     pub(super) for_each_nodes: &'e [ForEachNode],
 }
 
-/// The part of the graph that a name refers to, as an index among the nodes or among the `ForEach`es.
+/// The node or `ForEach` that has a name, as an index in the list of nodes or of `ForEach` nodes.
 #[derive(Clone, Copy)]
 pub(super) enum NamedTarget {
     Node(usize),
@@ -54,7 +54,7 @@ impl<'a> Check<'_, 'a> {
         }
     }
 
-    /// Returns the indices of the nodes and outputs to which a link leads. A link to an output of a `ForEach` leads to several.
+    /// Returns the nodes and outputs to which a link leads, as pairs of indices. Only a link to an output of a `ForEach` leads to several.
     pub fn target(
         &mut self,
         text: &str,
@@ -104,7 +104,7 @@ impl<'a> Check<'_, 'a> {
         }
     }
 
-    /// Returns the index of the node's output `output`. Reports an unknown output, and returns `None` for it.
+    /// Returns the index of an output of a node, by its name. Reports an unknown output, and returns `None`.
     fn output(
         &mut self,
         node: &str,
@@ -158,7 +158,8 @@ impl<'a> Check<'_, 'a> {
         };
         match each.elements.last() {
             Some(&last) => Some(vec![(last, output)]),
-            // If there are no elements, a carried output has the value of the corresponding input. A cycle of such links would have no end.
+            // Without elements, a carried output has the value of the corresponding input. Limit the depth, because such links may form a
+            // cycle.
             None if self.depth < MAX_CHAINED_LINKS => {
                 self.depth += 1;
                 let found =
@@ -179,7 +180,7 @@ impl<'a> Check<'_, 'a> {
         Dependencies::new(parsed_nodes.len(), links)
     }
 
-    /// Returns the nodes in an order in which each comes after those on which it depends, and reports cycles.
+    /// Returns the nodes in topological order, each after those on which it depends. Reports cycles.
     pub(super) fn order(
         &mut self,
         parsed_nodes: &[ParsedNode],
@@ -288,7 +289,7 @@ impl<'a> Check<'_, 'a> {
         }
     }
 
-    /// Checks that each element of a repeated node accepts the output that the previous element carries over.
+    /// Checks that each element of a repeated node accepts the carried outputs of the previous element.
     fn check_carried(&mut self, parsed: &ParsedNode) {
         let Some(repeat) = &parsed.repeat else { return };
         let (name, kind, outputs) = (&parsed.name.text, parsed.what.kind(), parsed.what.outputs());
@@ -354,7 +355,7 @@ impl<'a> Check<'_, 'a> {
         None
     }
 
-    /// Returns a sentence with the types over which a `ForEach` can iterate.
+    /// Returns a sentence that lists the types over which a `ForEach` can iterate.
     fn iterable_types(&self) -> String {
         let ways: Vec<_> = self
             .world
@@ -389,7 +390,7 @@ impl<'a> Check<'_, 'a> {
         self.report(code::WRONG_TYPE, link.span, message, help);
     }
 
-    /// Reports a case whose type differs from that of the other cases. The type of a `Switch` must not depend on the choice.
+    /// Reports a case of a `Switch` whose type differs from that of the first case. The type of a `Switch` must not depend on the choice.
     fn report_case_type(&mut self, link: &FoundLink, first: &ValueType, kind: &ValueType) {
         let (case, other, kind) = (&link.port, with_article(first.name), with_article(kind.name));
         let message = format!("case `{case}` of Switch is {kind}, but the first one is {other}");

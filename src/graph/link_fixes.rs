@@ -1,4 +1,4 @@
-//! Edits that fix errors of links. An edit is proposed only if it is the only fix.
+//! Edits that fix invalid links. A fix is proposed only if no other fix is possible.
 
 use maquette_syntax::FoundLink;
 use maquette_syntax::error::{MAX_REPORTED, Span};
@@ -9,12 +9,12 @@ use super::dependencies::Dependencies;
 use super::splice::newline;
 use crate::definition::{NodeKind, ParsedNode};
 
-/// A replacement of a span by a text.
+/// An edit of a text: the span to be replaced, and the new text.
 type Edit = (Span, String);
 
 impl Check<'_, '_> {
-    /// Returns the edits that give a link the required type, if there is exactly one way. The link can lead to another output of the same
-    /// node, or a conversion node without other required fields can be inserted.
+    /// Returns the edits that give a link the required type, if there is exactly one way to do so. Either the link is changed to another
+    /// output of the same node, or a conversion node without other required fields is inserted.
     pub(super) fn type_fix(
         &self,
         link: &FoundLink,
@@ -49,7 +49,7 @@ impl Check<'_, '_> {
         answers.next().filter(|_| answers.next().is_none())
     }
 
-    /// Returns the edits that insert a node before the user of a link, and link the new node between source and user.
+    /// Returns the edits that insert a node into a link: the new node takes the linked value, and the user of the link takes its result.
     fn insert_converter(
         &self,
         link: &FoundLink,
@@ -74,8 +74,8 @@ impl Check<'_, '_> {
         Some(vec![(span, entry), (link.span, quote(&[&name]))])
     }
 
-    /// Adds a fix to each error of a port without a link, if exactly one value of the graph has the required type and does not depend on
-    /// the node. Only the errors that are shown are considered, because each requires a comparison with all values.
+    /// Adds a fix to each error about a port without a link, if exactly one value of the graph has the required type and does not depend on
+    /// the node. Only errors that will be shown are considered, because each is compared with all values.
     pub(super) fn suggest_missing_links(
         &mut self,
         parsed_nodes: &[ParsedNode],
@@ -118,7 +118,7 @@ impl Check<'_, '_> {
         }
     }
 
-    /// Returns the edit that inserts a field as the first one of the call at a span.
+    /// Returns the edit that inserts a field at the beginning of the call at `span`.
     fn field_edit(&self, span: Span, field: &str, value: &str) -> Option<Edit> {
         let (source, place) = self.source_map.locate(span);
         let text = source.text.get(place.start..place.end)?;
@@ -130,7 +130,7 @@ impl Check<'_, '_> {
     }
 }
 
-/// Returns a link such as `"scan.color"`, or a name, in quotes.
+/// Joins the parts of a link by dots, and puts quotes around the result: `"scan.color"`.
 fn quote(parts: &[&str]) -> String {
     format!("\"{}\"", parts.join("."))
 }

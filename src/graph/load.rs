@@ -1,7 +1,7 @@
 //! Reads a graph file and the files that it uses, and finds all errors in them.
 //!
-//! Each error is reported once: a node with invalid fields still has its output types, and errors that follow from another error are not
-//! reported. Each file is checked once, as a [`Definition`]; `expand` checks its uses.
+//! Each error is reported once. A node with invalid fields still has its output types, and errors that follow from another error are not
+//! reported. Each file is checked once, as a [`Definition`]; `expand` checks each use of it.
 
 use std::collections::{BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
@@ -50,12 +50,13 @@ pub(crate) fn read_error(what: &str, error: &std::io::Error) -> LocalDiagnostic 
     LocalDiagnostic { code, span, message, help, note: None }
 }
 
-/// Checks a text as if it were the content of the file at `path`, which need not exist.
+/// Checks a text as the content of a graph file at `path`. The file need not exist.
 pub fn load_text(path: &Path, text: String, catalog: &Catalog, options: &Options) -> CheckedGraph {
     load_with(path, text, catalog, options, |_, _| ()).0
 }
 
-/// Checks a text, and calls `ask` with the parsed file. Returns `None` in place of the result of `ask` if the text cannot be parsed.
+/// Checks the text of a graph file, and calls `ask` with the parsed file. If the text cannot be parsed, returns `None` instead of the
+/// result of `ask`.
 pub fn load_with<T>(
     path: &Path,
     text: String,
@@ -77,10 +78,10 @@ pub fn load_with<T>(
 /// Finishes a check: expands the parsed file of the graph and collects all diagnostics.
 pub fn finish_check(mut world: World<'_>, whole: Option<Arc<ParsedFile>>) -> CheckedGraph {
     let mut diagnostics = std::mem::take(&mut world.diagnostics);
-    // Nodes of unknown types and missing files affect only those nodes that depend on them.
+    // Unknown node types and missing files affect only the nodes that depend on them, not the whole graph.
     let is_broken = diagnostics.iter().any(|diagnostic| world.is_fatal(diagnostic));
     let is_partial = diagnostics.iter().any(|it| it.code == code::UNKNOWN_NODE);
-    // If there are already more errors than will be shown, errors of uses need not be found.
+    // Skip the search for errors in used graphs if there are already more errors than will be shown.
     let whole = whole.filter(|_| diagnostics.len() < MAX_REPORTED);
     let graph = whole.and_then(|whole| {
         world.read_pins(&whole.definition.source_map.source.name);
@@ -90,7 +91,7 @@ pub fn finish_check(mut world: World<'_>, whole: Option<Arc<ParsedFile>>) -> Che
         Some(Graph { stage, ..graph })
     });
     diagnostics.append(&mut world.diagnostics);
-    // The errors of a file appear again for each use of the file.
+    // Remove duplicates: the errors of a used file were found again for each use of the file.
     let mut seen = HashSet::new();
     diagnostics.retain(|diagnostic| {
         let place = (diagnostic.source.name.clone(), diagnostic.span.start, diagnostic.span.end);
@@ -102,7 +103,7 @@ pub fn finish_check(mut world: World<'_>, whole: Option<Arc<ParsedFile>>) -> Che
     CheckedGraph { graph, partial, diagnostics, files, subgraphs: world.subgraphs }
 }
 
-/// Parses and checks the text of a graph's own file and the files that it uses. All diagnostics are stored in the returned world.
+/// Parses and checks the text of a root graph and the files of the graphs that it uses. The returned world contains all diagnostics.
 pub fn check_file<'a>(
     path: &Path,
     text: String,
@@ -175,8 +176,8 @@ pub(crate) fn load_definition<'a>(
     whole.map(|whole| Arc::new(whole.definition))
 }
 
-/// Returns the nodes on which none of the `needed` nodes depends, with the positions of their names. All cases of a `Switch` count as
-/// needed.
+/// Returns the nodes that none of the `needed` nodes depends on, with the positions of their names. All cases of a `Switch` count as
+/// dependencies of the `Switch`.
 fn unused_nodes(
     parsed_nodes: &[ParsedNode],
     inputs: usize,
@@ -184,7 +185,7 @@ fn unused_nodes(
     needed: impl Iterator<Item = usize>,
 ) -> Vec<(String, Span)> {
     let is_needed = needs.closure_of(needed);
-    // In the file the elements of a `ForEach` share one name, which is needed if one of the elements is needed.
+    // The elements of a `ForEach` share one name in the file. That name is needed if one of the elements is needed.
     fn is_named(parsed: &ParsedNode) -> bool {
         !matches!(parsed.what, NodeKind::Elements(_) | NodeKind::Pick(_))
     }
@@ -201,12 +202,12 @@ fn unused_nodes(
 }
 
 impl Graph {
-    /// Reads and checks a graph file and the files of the graphs that it uses. Does not run nodes and does not open any other file.
+    /// Reads and checks a graph file and the files of the graphs that it uses. Does not open other files, and does not run nodes.
     pub fn load(path: &Path, catalog: &Catalog, options: &Options) -> CheckedGraph {
         load(path, catalog, options)
     }
 
-    /// Checks a text as if it were the content of the file at `path`, which need not exist.
+    /// Checks a text as the content of a graph file at `path`. The file need not exist.
     pub fn load_text(
         path: &Path,
         text: String,
@@ -216,8 +217,8 @@ impl Graph {
         load_text(path, text, catalog, options)
     }
 
-    /// Returns the graphs that a graph uses, directly or indirectly. A graph comes before those that it uses. The graph itself comes first
-    /// if it has inputs.
+    /// Returns the graphs that the graph at `path` uses, directly or indirectly. A graph comes before those that it uses. If the graph at
+    /// `path` has inputs, it is included as the first item.
     pub fn subgraphs(
         path: &Path,
         catalog: &Catalog,
@@ -229,7 +230,7 @@ impl Graph {
         }
     }
 
-    /// Returns the graphs that a text uses, as if it were the content of the file at `path`, which need not exist.
+    /// Returns the graphs that a text uses, as if it were the content of a graph file at `path`. The file need not exist.
     pub fn subgraphs_of(
         path: &Path,
         text: String,
@@ -258,7 +259,7 @@ impl Graph {
 }
 
 impl GraphText {
-    /// Expands the graph again, without the optional inputs `inputs`.
+    /// Expands the graph again, without the given optional inputs.
     pub(crate) fn graph_without(
         &self,
         inputs: BTreeSet<String>,
@@ -272,7 +273,7 @@ impl GraphText {
 }
 
 impl Check<'_, '_> {
-    /// Checks the file. If the text has syntax errors, checks the rest of the text and returns `None`.
+    /// Checks the file. If its text has syntax errors, checks the readable rest and returns `None`.
     fn read_unless_broken(&mut self) -> Option<ParsedFile> {
         let whole = self.read_file();
         self.leave_out_doubts();
@@ -373,7 +374,7 @@ impl Check<'_, '_> {
 }
 
 impl Check<'_, '_> {
-    /// Returns the output ports. If a graph has output files, others cannot use it; that is reported once.
+    /// Returns the output ports. Reports once if the graph has output files instead, because other graphs cannot use it.
     fn output_ports(
         &mut self,
         header: &Header<'_>,

@@ -2,8 +2,8 @@
 //! lock was written.
 //!
 //! The state of a used graph is its text, compared byte by byte except for line endings. A hash of the meaning would not be stable, because
-//! the meaning depends on the version of the program and its packs. The lock contains whole texts, not hashes, because showing what changed
-//! requires the old text in every clone of the project. All texts are in one file, because a single file can be written atomically.
+//! the meaning depends on the version of the program and its packs. The lock contains whole texts instead of hashes: to show what has
+//! changed, every clone of the project needs the old text. All texts are in one file, because a single file can be written atomically.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -27,7 +27,7 @@ pub const EXTENSION: &str = "lock.ron";
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Lock(pub BTreeMap<String, LockedGraph>);
 
-/// The state of a used graph that is stored in the lock.
+/// The state that a used graph had when the lock was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LockedGraph {
     pub version: Option<String>,
@@ -36,7 +36,7 @@ pub struct LockedGraph {
 }
 
 impl LockedGraph {
-    /// Returns the version, or `no version`.
+    /// Returns the version of the graph, or the text `no version`.
     pub fn version(&self) -> &str {
         self.version.as_deref().unwrap_or("no version")
     }
@@ -45,7 +45,7 @@ impl LockedGraph {
 /// The current state of all graphs that a graph uses.
 pub struct UsedGraphs {
     pub lock: Lock,
-    /// The node types that the graph declares with `use`, and for each the path of its graph in the lock.
+    /// The node types that the graph declares with `use`. Each has the path of the used graph in the lock.
     pub names: Vec<(String, String)>,
 }
 
@@ -55,7 +55,7 @@ pub fn lock_path(graph: &Path) -> PathBuf {
 }
 
 impl Lock {
-    /// Reads the lock of a graph. `None` if the graph has no lock file.
+    /// Reads the lock file of a graph. Returns `None` if the graph has no lock file.
     ///
     /// # Errors
     /// The file cannot be read, is not a lock file, or was changed by hand.
@@ -97,7 +97,7 @@ impl Lock {
             vec![lock_error((source, Span::default()), message, String::new())]
         })?;
         let (world, _) = check_file(path, text, catalog, options);
-        // Nodes of unknown types do not affect which files the graph uses.
+        // Ignore unknown node types, because they do not affect which files the graph uses.
         if world.diagnostics.iter().any(|diagnostic| {
             diagnostic.severity == Severity::Error && diagnostic.code != code::UNKNOWN_NODE
         }) {
@@ -173,12 +173,12 @@ fn parse_lock(text: &str) -> Result<Lock, (Span, String)> {
     Ok(lock)
 }
 
-/// Replaces line endings by `\n`, because a clone of the project may have converted them.
+/// Replaces all line endings by `\n`, because version control may convert line endings.
 fn with_plain_ends(text: &str) -> String {
     text.replace("\r\n", "\n")
 }
 
-/// Returns the path of a file relative to a folder. Both must be free of symbolic links.
+/// Returns the path of a file relative to a folder. Neither path may contain symbolic links.
 fn relative(folder: &Path, file: &Path) -> String {
     let (folder, file) =
         (folder.components().collect::<Vec<_>>(), file.components().collect::<Vec<_>>());
@@ -250,7 +250,7 @@ impl World<'_> {
             let diagnostic = lock_error(place, message, help.clone());
             diagnostics.push(Diagnostic { uses: entered.uses.clone(), ..diagnostic });
         }
-        // If there are errors, the list of used graphs may be incomplete.
+        // If there are errors, the list of used graphs may be incomplete, so missing graphs are not reported.
         let is_read =
             self.diagnostics.iter().all(|diagnostic| diagnostic.severity != Severity::Error);
         for key in lock.0.keys().filter(|key| is_read && !seen.contains_key(*key)) {
@@ -266,7 +266,7 @@ impl World<'_> {
     }
 }
 
-/// Describes on one line how a used graph differs from its state in the lock.
+/// Describes in one line how a used graph differs from its state in the lock.
 fn in_words(path: &Path, before: &LockedGraph, now: &LockedGraph, catalog: &Catalog) -> String {
     let version = (before.version != now.version)
         .then(|| format!("version: {} -> {}", before.version(), now.version()));
@@ -284,7 +284,7 @@ fn in_words(path: &Path, before: &LockedGraph, now: &LockedGraph, catalog: &Cata
     }
 }
 
-/// Returns the differences in meaning between two versions of a used graph. Empty if one of the versions cannot be parsed.
+/// Returns the differences in meaning between two texts of a used graph. Empty if one of the texts cannot be parsed.
 pub fn differences(path: &Path, before: &str, now: &str, catalog: &Catalog) -> Vec<Difference> {
     fn source(text: &str, path: &Path) -> Source {
         Source { name: path.to_owned(), text: text.to_owned() }

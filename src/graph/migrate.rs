@@ -1,7 +1,7 @@
 //! Migration of nodes and fields from old names to new ones, as packs declare it with [`Migration`].
 //!
-//! A graph with old names is read as if it had the new names. `Graph::migrate` writes the new names into the text of the graph. Both apply
-//! the same steps to one call at a time, so that a node that was changed in several versions is migrated step by step.
+//! A graph with old names is read as if it had the new names. `Graph::migrate` writes the new names into the text of the graph. Both
+//! migrate one node call at a time, step by step, because a node may have been changed in several versions of its pack.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -28,10 +28,10 @@ pub use migrated_values::{
 };
 use migrated_values::{nodes_of_packs, patch_splices};
 
-/// The maximum number of steps for one call. The limit also ends migrations of packs that form a cycle.
+/// Maximum number of migration steps for one node call. The limit also stops migrations that form a cycle.
 pub(super) const MAX_STEPS: usize = 100;
 
-/// The type of the node in a call, and its groups of fields: the call itself, or the groups in a `ForEach`.
+/// A node call in a graph file: its type and its groups of fields. A `ForEach` has several groups of fields for the type that it repeats.
 struct Call<'t> {
     kind: Name,
     /// True if the type is written as a text, as in a `ForEach`.
@@ -72,9 +72,9 @@ pub fn kind_of(node: &Tree) -> Option<Name> {
 }
 
 impl<'c> Migrations<'c> {
-    /// Returns the new name of a node type after a single step.
+    /// Returns the name of a node type after one migration step. `None` if the name is current.
     fn new_name(self, old: &str) -> Option<&'static str> {
-        // The name of an existing node type is never outdated.
+        // The name of a node type that exists is not outdated.
         fn is_old(name: &str, catalog: &Catalog) -> bool {
             !catalog.has(name)
         }
@@ -87,7 +87,7 @@ impl<'c> Migrations<'c> {
             .filter(|_| is_old(old, self.catalog))
     }
 
-    /// Returns the current name of a node type after all steps.
+    /// Returns the name of a node type after all migration steps.
     fn current_name(self, name: &str) -> String {
         let mut present = name.to_owned();
         for _ in 0..MAX_STEPS {
@@ -116,7 +116,7 @@ impl<'c> Migrations<'c> {
     }
 }
 
-/// Returns true if a value contains words that are outdated.
+/// Returns true if a value contains outdated words.
 fn is_old(value: NewValue, tree: &Tree) -> bool {
     if is_draft(tree) {
         let sides = tree.fields().unwrap_or_default();
@@ -129,7 +129,7 @@ fn is_old(value: NewValue, tree: &Tree) -> bool {
     }
 }
 
-/// Returns the migrated value. Its parts have the positions of the old value.
+/// Returns the migrated value. Each part keeps the position of the old value in the file.
 fn migrate_value(new: NewValue, tree: &Tree) -> Tree {
     if is_draft(tree) {
         return map_sides(tree, |side| migrate_value(new, side));
@@ -179,7 +179,7 @@ fn value_splices(value: NewValue, tree: &Tree, text: &str) -> Vec<Splice> {
     splices
 }
 
-/// Collects the edits that change a value in a text to another value of the same form.
+/// Collects the edits that turn one value in a text into another value of the same form.
 fn rewrite_value(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) {
     if old == new {
         return;
@@ -205,7 +205,7 @@ fn rewrite_value(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) 
                     rewrite_value(&old.value, &new.value, text, splices);
                 }
             }
-            // The field was moved into a group of fields.
+            // Here the migration moved the field into a group of fields.
             (None, [inner]) => {
                 fn empty_span(at: usize) -> Span {
                     Span { start: at, end: at }
@@ -243,7 +243,7 @@ fn rewrite_value(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) 
     }
 }
 
-/// Returns a node in which all names are current, with warnings about its outdated parts.
+/// Returns a node in which all names are current, and warnings about its outdated names.
 pub(super) fn migrate_node(entry: &Tree, catalog: &Catalog) -> (Tree, Vec<LocalDiagnostic>) {
     let migrations = Migrations { catalog };
     let mut entry = entry.clone();
@@ -281,7 +281,7 @@ pub(super) fn migrate_node(entry: &Tree, catalog: &Catalog) -> (Tree, Vec<LocalD
                 true => format!("field `{old}` of {present} is written differently now"),
                 false => format!("field `{old}` of {present} is called `{new}` now"),
             };
-            // If the value changes together with its name, the diagnostic has no fix; only `Graph::migrate` changes both.
+            // If the value changes together with the name, the diagnostic offers no fix. `Graph::migrate` changes both.
             let is_renamed = old != new && matches!(value, NewValue::Same) && !new.contains('.');
             diagnostics.push(outdated_name(span, message, is_renamed.then_some((old, new))));
             migrate_field(fields, at, new, *value);
@@ -302,7 +302,7 @@ pub(super) fn migrate_node(entry: &Tree, catalog: &Catalog) -> (Tree, Vec<LocalD
     (entry, diagnostics)
 }
 
-/// Returns the diagnostic for an outdated name. It has a fix if nothing but the name has changed.
+/// Returns the diagnostic for an outdated name. It offers a fix if only the name has changed.
 fn outdated_name(span: Span, message: String, renamed: Option<(&str, &str)>) -> LocalDiagnostic {
     let help = "run `maquette edit GRAPH migrate --write` to write the new name into the file";
     let help = match renamed {
@@ -351,8 +351,7 @@ pub(super) fn migrate_graph(tree: &Tree, catalog: &Catalog) -> Tree {
 }
 
 impl Graph {
-    /// Migrates the text of a graph file or a patch to current names. All bytes that are not outdated are kept; if nothing is outdated, the
-    /// text is returned unchanged.
+    /// Migrates the text of a graph file or a patch to current names. The rest of the text is kept byte by byte.
     ///
     /// # Errors
     /// The text has syntax errors, or a migration would change the meaning of the graph.
@@ -380,7 +379,7 @@ impl Graph {
     }
 }
 
-/// Applies all migration steps to a text.
+/// Applies all migration steps to the text of a graph file.
 fn all_steps(path: &Path, text: &str, catalog: &Catalog) -> String {
     let (tree, _) = parse(text);
     let mut migrated = text.to_owned();
@@ -399,13 +398,13 @@ fn all_steps(path: &Path, text: &str, catalog: &Catalog) -> String {
     migrated
 }
 
-/// Returns the edits of the next migration step of each call.
+/// Returns the edits of the next migration step for each node call in a text.
 fn next_steps(text: &str, catalog: &Catalog) -> Vec<Splice> {
     let (tree, _) = parse(text);
     nodes_of_packs(&tree).flat_map(|(_, node)| call_steps(node, text, catalog)).collect()
 }
 
-/// Returns the edits of the next migration step of a call.
+/// Returns the edits of the next migration step for one node call.
 fn call_steps(node: &Tree, text: &str, catalog: &Catalog) -> Vec<Splice> {
     let migrations = Migrations { catalog };
     let Some(Call { kind, is_text, groups }) = Call::read(node) else { return Vec::new() };

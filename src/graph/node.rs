@@ -24,7 +24,7 @@ use crate::definition::{BuiltNode, CheckedFields, ForEachNode, NodeKind, ParsedN
 use crate::files::NodeFile;
 
 impl Check<'_, '_> {
-    /// Checks the fields of a node with the given values of parameters. The draft side and the final side of each `Draft` must be valid.
+    /// Checks the fields of a node for the given values of parameters. Both sides of each `Draft` must be valid.
     pub(super) fn check_fields(
         &mut self,
         what: &NodeKind,
@@ -82,8 +82,7 @@ impl Check<'_, '_> {
         CheckedFields { tree, links, files, has_other_links: false }
     }
 
-    /// Builds the node, and reports those errors that only the node's own type can detect. `counts` yields the number of values of each
-    /// link.
+    /// Builds the node, and reports errors that only the node's own code can detect. `counts` has the number of values for each link.
     pub(super) fn build_node(
         &mut self,
         entry: &Entry,
@@ -156,13 +155,12 @@ impl Check<'_, '_> {
         Some(BuiltNode { node: node.into(), pack, recipe, files, tree })
     }
 
-    /// Returns true unless one of the diagnostics from index `known` on prevents the node from being built. A missing file does not prevent
-    /// it.
+    /// Returns true if no diagnostic from index `known` on prevents building the node. A missing file is allowed.
     pub(super) fn is_valid_since(&self, known: usize) -> bool {
         self.diagnostics[known..].iter().all(|diagnostic| diagnostic.code == code::MISSING_FILE)
     }
 
-    /// Returns the key of a missing file: the path of the file, and the file and span in which the path is written.
+    /// Returns a key for a missing file: its path, and the file and span that contain the path.
     fn place_of(&self, file: &FoundFile) -> (PathBuf, PathBuf, Span) {
         (file.resolved.clone(), self.source_map.source.name.clone(), file.at)
     }
@@ -189,7 +187,7 @@ impl Check<'_, '_> {
             self.note_missing(file, self.source_map.diagnostic(diagnostic.clone(), &self.uses));
             return self.diagnostics.push(diagnostic);
         };
-        // The error is shown where the file is named, not in the graph that received the name as a parameter.
+        // Show the error in the file that contains the path, not in the graph that received the path as a parameter.
         let (source, _) = from.source_map.locate(from.span);
         let outer = self.uses.iter().position(|at| Arc::ptr_eq(&at.source, &source));
         let uses = &self.uses[..outer.unwrap_or(0)];
@@ -206,7 +204,7 @@ impl Check<'_, '_> {
         }
     }
 
-    /// Stores the files that a node reads. The optional files are known only if the fields of the node are valid.
+    /// Stores the files that a node reads. Optional files are known only if the node's fields are valid.
     pub(super) fn note_files(
         &mut self,
         node: &str,
@@ -266,7 +264,7 @@ impl Check<'_, '_> {
         tree
     }
 
-    /// Puts a value into a call. If the path of the value does not exist, reports the reason.
+    /// Puts a value into a node call. Reports the reason if the path of the value cannot exist.
     fn set_value(
         &mut self,
         tree: &mut Tree,
@@ -285,7 +283,7 @@ impl Check<'_, '_> {
         }
     }
 
-    /// Reports the values of `--set` whose targets do not exist.
+    /// Reports `--set` options whose targets do not exist in the graph.
     pub(super) fn report_unknown_sets(
         &mut self,
         parameters: &Parameters,
@@ -332,21 +330,20 @@ impl Check<'_, '_> {
     }
 }
 
-/// Returns true if the type of a node is the name of a used graph, not of a built-in node. The type of a `ForEach` is the type that it
-/// repeats.
+/// Returns true if the type of a node is a used graph, not a built-in node. For a `ForEach`, the type that it repeats is tested.
 pub(super) fn is_own_type(node: &Tree, subgraphs: &[UsedGraph]) -> bool {
     kind_of(node).is_some_and(|kind| subgraphs.iter().any(|own| own.name == kind.text))
 }
 
-/// Puts a value at `field` or `field.field` of a call, or at `field.0` of a list, unless the path has an [`unreachable_part`]. If the field
-/// is missing, it is added.
+/// Sets the value at a path in a node call, such as `field`, `field.field` or, for a list, `field.0`. Adds a missing field. Does nothing if
+/// the path has an [`unreachable_part`].
 fn set_field(tree: &mut Tree, path: &str, value: &Tree) {
     let (name, rest) = match path.split_once('.') {
         Some((name, rest)) => (name, Some(rest)),
         None => (path, None),
     };
     if is_draft(tree) && !is_side(name) {
-        // The value applies to the present run in any case.
+        // Set the value on both sides, so that it applies to drafts and final results.
         if let Kind::Call { body: Body::Fields(sides), .. } = &mut tree.kind {
             sides.iter_mut().for_each(|side| set_field(&mut side.value, path, value));
         }
@@ -362,7 +359,7 @@ fn set_field(tree: &mut Tree, path: &str, value: &Tree) {
         tree.kind = Kind::Call { name, body: Body::Empty };
     }
     let field = match &mut tree.kind {
-        // The path continues in the fields of the only value of a choice, such as that in `Some(..)`.
+        // A choice such as `Some(..)` is not a step of the path, which continues in the fields of its only value.
         Kind::Call { body: Body::Items(items), .. } if items.len() == 1 && index.is_none() => {
             return set_field(&mut items[0], path, value);
         }
@@ -398,8 +395,7 @@ fn set_field(tree: &mut Tree, path: &str, value: &Tree) {
     }
 }
 
-/// Moves the unit of a vector to the vector's numbers, so that each number can have its own unit: `cm(1, 0, 2)` becomes `(cm(1), cm(0),
-/// cm(2))`.
+/// Moves the unit of a vector to its numbers, so that each number can have its own unit: `cm(1, 0, 2)` becomes `(cm(1), cm(0), cm(2))`.
 fn spread_unit(tree: &mut Tree) {
     let Kind::Call { name, body: Body::Items(items) } = &mut tree.kind else { return };
     fn is_unit(name: &Name) -> bool {

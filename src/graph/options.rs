@@ -17,30 +17,30 @@ pub fn folder_of(path: &Path) -> PathBuf {
 pub struct Options {
     /// Folders outside of the project from which the graph may read files.
     pub roots: Vec<PathBuf>,
-    /// Values that replace defaults and fields, as pairs of `name` or `node.field` and a value in RON.
+    /// Values that replace defaults of parameters and fields of nodes. Each pair is a target, `name` or `node.field`, and a value in RON.
     pub set: Vec<(String, String)>,
-    /// True if each `Draft(final: .., draft: ..)` has its draft value. Results that are computed from different values have different keys,
+    /// True to use the draft value of each `Draft(final: .., draft: ..)`. Results computed from different values have different cache keys,
     /// so a final run never uses the result of a draft.
     pub draft: bool,
-    /// True if results that are pinned next to the graph's file replace the nodes that computed them.
+    /// True to use the pinned results that are stored next to the graph's file, instead of computing the pinned nodes.
     pub pins: bool,
     /// Requirements for the files that the graph reads.
     pub files: Files,
-    /// Texts that replace the files of graphs, by path, such as the unsaved texts of an editor.
+    /// Texts that replace the content of graph files, by path, such as the unsaved texts of an editor.
     pub texts: BTreeMap<PathBuf, String>,
-    /// True if the used graphs must be equal to those in the lock file. Otherwise differences are only warnings.
+    /// True to report an error if a used graph differs from its state in the lock file. Otherwise a difference is a warning.
     pub locked: bool,
 }
 
 impl Options {
-    /// Adds a text that replaces the file of a graph, which is at this path.
+    /// Adds a text that replaces the content of the graph file at this path.
     #[must_use]
     pub fn with_text(mut self, path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
         self.texts.insert(path.into(), text.into());
         self
     }
 
-    /// Returns command-line options with the same meaning. Pins are not included.
+    /// Returns the options as command-line options. The option for pins is not included.
     pub fn words(&self) -> Vec<String> {
         let mut words = Vec::new();
         for (name, value) in &self.set {
@@ -55,7 +55,7 @@ impl Options {
         words
     }
 
-    /// Returns the text of a graph's file, or the text that replaces the file.
+    /// Returns the content of the graph file at this path, or the text that replaces it.
     pub fn text(&self, path: &Path) -> std::io::Result<String> {
         match self.text_in_place_of(path) {
             Some(text) => Ok(text.clone()),
@@ -63,7 +63,7 @@ impl Options {
         }
     }
 
-    /// Returns the text that replaces a file. The path of the file may be spelled in any way.
+    /// Returns the text that replaces a file. Different spellings of one path are recognized.
     fn text_in_place_of(&self, path: &Path) -> Option<&String> {
         let texts = Some(&self.texts).filter(|texts| !texts.is_empty())?;
         texts
@@ -72,7 +72,7 @@ impl Options {
             .or_else(|| texts.get(&std::fs::canonicalize(path).ok()?))
     }
 
-    /// Returns true if a text replaces the file.
+    /// Returns true if a text replaces the file at this path.
     pub fn has_text(&self, path: &Path) -> bool {
         self.text_in_place_of(path).is_some()
     }
@@ -84,9 +84,9 @@ pub enum Files {
     /// Files must exist, and must be inside of the project.
     #[default]
     Needed,
-    /// Files may be missing, but must be inside of the project. This is for editing.
+    /// Files may be missing, but must be inside of the project. For editing a graph.
     Inside,
-    /// Files are not checked. This is for reading a graph without evaluating it.
+    /// Files are not checked. For reading a graph without evaluating it.
     Ignored,
 }
 
@@ -97,6 +97,6 @@ pub struct ReadFile {
     pub path: PathBuf,
     /// The name of the node that reads the file.
     pub node: String,
-    /// True if the node also runs without the file.
+    /// True if the node can run without the file.
     pub optional: bool,
 }

@@ -1,4 +1,4 @@
-//! The outputs of a graph: files, each in a format for the type of its value, or values for other graphs that use the graph.
+//! The outputs of a graph: either files, in a format for the type of the value, or values for other graphs that use this graph.
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -18,7 +18,7 @@ use super::{GraphOutput, is_name};
 use crate::definition::ParsedNode;
 
 impl Check<'_, '_> {
-    /// Returns the output files, and separately those whose type is unknown.
+    /// Returns the output files, and in a second list those whose type of value is unknown.
     pub(super) fn outputs(
         &mut self,
         entries: &[(Tree, Tree)],
@@ -27,7 +27,7 @@ impl Check<'_, '_> {
     ) -> (Vec<GraphOutput>, Vec<GraphOutput>) {
         let mut outputs: Vec<GraphOutput> = Vec::with_capacity(entries.len());
         let mut undecided = Vec::new();
-        // The names are compared as paths: `a/./b.ply` equals `a//b.ply`.
+        // Compare the names as paths: `a/./b.ply` equals `a//b.ply`.
         let mut taken: HashMap<String, (&str, Span)> = HashMap::new();
         for (key, value) in entries {
             let Some(name) = key.text() else {
@@ -108,7 +108,7 @@ impl Check<'_, '_> {
         self.target(link, value.span, parsed_nodes, names)
     }
 
-    /// Returns the only value to which a link leads, and reports a link to a list.
+    /// Returns the value to which a link leads. Reports an error and returns `None` if the link leads to a list.
     fn single_target(
         &mut self,
         name: &str,
@@ -127,7 +127,7 @@ impl Check<'_, '_> {
         None
     }
 
-    /// Returns the outputs of a graph that other graphs use, which are ports instead of files.
+    /// Returns the outputs of a graph with inputs: ports to which other graphs can link, instead of files.
     pub fn ports(
         &mut self,
         entries: &[(Tree, Tree)],
@@ -155,7 +155,7 @@ impl Check<'_, '_> {
                 continue;
             }
             let targets = self.output_link(name, value, parsed_nodes, names);
-            // An output whose link is wrong still exists for the graphs that use this graph.
+            // Keep an output with an invalid link, so that links to it in other graphs do not cause further errors.
             let target =
                 targets.and_then(|targets| self.single_target(name, value, &targets, parsed_nodes));
             if let Some(input) =

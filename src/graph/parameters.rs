@@ -26,11 +26,11 @@ pub(crate) use order::names_in;
 pub(crate) struct Parameters {
     values: IndexMap<String, Tree>,
     numbers: BTreeMap<String, Outcome>,
-    /// True for a draft, in which each `Draft` has its draft value.
+    /// True to use the draft value of each `Draft`.
     draft: bool,
-    /// The units of those parameters whose unit is known, and the positions at which the units are declared.
+    /// The known units of parameters, by parameter name, and the positions at which the units are declared.
     units: BTreeMap<String, (Unit, Span)>,
-    /// The parameters with computed defaults, ordered so that each comes after those from which it is computed.
+    /// The parameters whose defaults are computed. Each comes after the parameters from which it is computed.
     derived: Arc<[Declaration]>,
 }
 
@@ -38,14 +38,14 @@ pub(crate) struct Parameters {
 pub(super) struct ResolvedValue {
     pub(super) value: Tree,
     pub(super) unit: Unit,
-    /// The source of the value for messages, such as `Param("near")`.
+    /// The value as messages name it, such as `Param("near")`.
     pub words: String,
-    /// A second position, with its text, if another position than the value's determines the unit.
+    /// If the unit comes from a declaration elsewhere in the file: the position of the declaration, and a text for the message.
     pub(super) note: Option<(Span, String)>,
 }
 
 impl Parameters {
-    /// Reads the declarations for a draft or for final results. Values of `--set` replace defaults.
+    /// Reads the declarations of a graph's parameters. Values of `--set` replace defaults.
     pub(crate) fn read(
         entries: &[(&Tree, &Tree)],
         set: &[(String, String)],
@@ -76,7 +76,7 @@ impl Parameters {
             derived.filter(|declared| is_parametric(&declared.default)).cloned().collect();
         let mut others = Self { draft: !draft, ..parameters.clone() };
         let has_sides = declarations.iter().any(|declared| has_draft(&declared.default));
-        // Errors of the other side of a `Draft` are reported, unless the current side has the same errors.
+        // Report errors of the other side of each `Draft` too, unless the current side has the same errors.
         let (mut known, mut other_findings) = (Vec::new(), Vec::new());
         for &at in &order.indices {
             let declared = &mut declarations[at];
@@ -109,7 +109,7 @@ impl Parameters {
         declared.with_default(value).value(diagnostics)
     }
 
-    /// Replaces the values of some parameters by the values that a use of the graph gives.
+    /// Replaces the values of some parameters by the values that a node gives when it uses this graph.
     pub(crate) fn with_values(
         &self,
         given: impl IntoIterator<Item = (String, Tree)>,
@@ -128,8 +128,8 @@ impl Parameters {
         parameters
     }
 
-    /// Returns the parameters with computed defaults, each with the names that occur in its default. Each parameter comes after those from
-    /// which it is computed.
+    /// Returns the parameters with computed defaults, each with the parameter names that occur in its default. Each comes after the
+    /// parameters from which it is computed.
     pub(crate) fn derived_parameters(
         &self,
     ) -> impl DoubleEndedIterator<Item = (&str, Vec<String>)> {
@@ -153,12 +153,12 @@ impl Parameters {
         self.values.insert(name.to_owned(), value);
     }
 
-    /// Returns the parameters for the other side of each `Draft`: the draft instead of the final results, or vice versa.
+    /// Returns the parameters with `draft` negated: for drafts instead of final results, or vice versa.
     pub(super) fn for_other_side(&self) -> Self {
         Self { draft: !self.draft, ..self.clone() }
     }
 
-    /// Returns the current side of a `Draft`. `None` if that side has errors, which are reported.
+    /// Returns the current side of a `Draft`. Reports an invalid side, and returns `None`.
     pub(super) fn side<'t>(
         &self,
         tree: &'t Tree,
@@ -179,13 +179,13 @@ impl Parameters {
         self.units.get(name).map(|(unit, _)| *unit).unwrap_or_default()
     }
 
-    /// Returns a note at the position where the unit of a parameter is declared.
+    /// Returns a note that states the unit of a parameter, at the position of its declaration. `None` if the unit is unknown.
     fn note(&self, name: &str) -> Option<(Span, String)> {
         let (unit, span) = self.units.get(name)?;
         Some((*span, format!("`{name}` is in {unit}")))
     }
 
-    /// Evaluates a `Param` or an `Expr`. If there is an error, it is reported and the value is broken.
+    /// Evaluates a `Param` or an `Expr`. Reports errors, and returns a broken value for them.
     pub(super) fn resolve(
         &self,
         tree: &Tree,
@@ -246,7 +246,7 @@ impl Parameters {
                 (Kind::Number { value, whole: value.fract() == 0.0 }, unit)
             }
             Ok(Outcome::Truth(truth)) => (Kind::Bool(truth), Unit::default()),
-            // If a parameter has no value, that was reported at its declaration.
+            // A parameter without a value has been reported at its declaration.
             Err(error) if error.unknown().is_some_and(|name| self.is_broken(name)) => {
                 (Kind::Broken, Unit::default())
             }
@@ -278,7 +278,7 @@ impl Parameters {
 }
 
 impl Parameters {
-    /// Returns the error for an expression that names a parameter that is neither a number nor a toggle.
+    /// Returns the error for an expression that uses a parameter that is neither a number nor a toggle.
     fn not_a_number(
         &self,
         call: &Tree,
@@ -299,7 +299,7 @@ impl Parameters {
     }
 }
 
-/// Returns one side of a parameter's default, with the origin of the default. Returns a broken value if `side` is `None`.
+/// Adds the origin of a parameter's default to one side of it. Returns a broken value if `side` is `None`.
 fn of_side(side: Option<&Tree>, default: &Tree) -> Tree {
     match (side, &default.origin) {
         (None, _) => Tree::new(default.span, Kind::Broken),
@@ -310,7 +310,7 @@ fn of_side(side: Option<&Tree>, default: &Tree) -> Tree {
     }
 }
 
-/// Returns the text between the parentheses of `Param` or `Expr`.
+/// Returns the text argument of `Param(..)` or `Expr(..)`.
 fn text_argument(argument: &Tree) -> Result<&str, Box<LocalDiagnostic>> {
     fn argument_message(argument: &Tree) -> String {
         format!("expected a text, found {}", argument.describe())
@@ -325,16 +325,16 @@ fn parameter_error(span: Span, message: String, help: Help) -> Box<LocalDiagnost
     Box::new(LocalDiagnostic { code: code::EXPRESSION, span, message, help, note: None })
 }
 
-/// Returns the position of a part of an expression's text. `None` if the text contains escapes or is in another file.
+/// Returns the position in the file of a part of an expression. `None` if the expression contains escapes or comes from another file.
 fn place_in(call: &Tree, argument: &Tree, text: &str, part: Range<usize>) -> Option<Span> {
     let Span { start, end } = argument.span;
-    // A value from another file has only a single position.
+    // All parts of a value from another file have the same position.
     let is_there = argument.span != call.span && end - start == text.len() + 2;
     is_there.then(|| Span { start: start + 1 + part.start, end: start + 1 + part.end })
 }
 
-/// Parses a value of `--set`: as RON, or else as text. A word that is followed by more text is a text. For example, `data//mug.obj` is a
-/// path, not a word before a comment.
+/// Parses a value of `--set`: as RON, or else as text. If text remains after a single word, the whole is a text. For example,
+/// `data//mug.obj` is a path, not a word before a comment.
 pub(crate) fn read_set(text: &str, set: &str, span: Span) -> Tree {
     let (tree, errors) = parse(text);
     let is_cut = matches!(&tree.kind, Kind::Word(word) if *word != text.trim());
@@ -345,7 +345,7 @@ pub(crate) fn read_set(text: &str, set: &str, span: Span) -> Tree {
     Tree { span, kind, origin: Some(Origin::Set(set.to_owned())) }
 }
 
-/// Prepares a value for use in another file: stores the value's position in the present file as its origin.
+/// Prepares a value for use in another file: stores its position in the current file as its origin.
 pub(crate) fn for_other_file(tree: Tree, source_map: &Arc<SourceMap>) -> Tree {
     fn given_origin(
         span: Span,
@@ -361,7 +361,7 @@ pub(crate) fn for_other_file(tree: Tree, source_map: &Arc<SourceMap>) -> Tree {
         Some(Origin::Default(span)) => given_origin(span, None, source_map),
         Some(Origin::Set(text)) => given_origin(tree.span, Some(text), source_map),
         None => given_origin(tree.span, None, source_map),
-        // If several files passed the value on, the first of them is the origin.
+        // Keep the origin of a value that several files have passed on: the position in the first file.
         given => given,
     };
     let kind = match tree.kind {
@@ -394,7 +394,7 @@ pub(crate) fn is_parametric(tree: &Tree) -> bool {
     }
 }
 
-/// Sets all positions in a tree to one span, because the tree does not come from the file.
+/// Sets all positions in a tree to one span. For trees that were not parsed from the file.
 fn at_span(tree: Tree, span: Span) -> Tree {
     fn all_at_span(trees: Vec<Tree>, span: &Span) -> Vec<Tree> {
         trees.into_iter().map(|tree| at_span(tree, *span)).collect()

@@ -14,7 +14,7 @@ use super::parameters::Parameters;
 use crate::definition::{ForEachNode, NodeKind, ParsedNode};
 
 impl<'a> Check<'_, 'a> {
-    /// Reports links from inputs that may be omitted to ports that require a link.
+    /// Reports links from optional inputs of the graph to ports that require a link.
     pub(super) fn check_optional_inputs(&mut self, parsed_nodes: &[ParsedNode]) {
         for parsed in parsed_nodes {
             for (link, targets) in parsed.links.iter().zip(&parsed.targets) {
@@ -37,7 +37,7 @@ impl<'a> Check<'_, 'a> {
         }
     }
 
-    /// Parses the nodes of the graph and appends them to `drafts`.
+    /// Parses the nodes of the graph and appends them to `parsed_nodes`.
     pub(super) fn parse_nodes(
         &mut self,
         entries: &[(&Tree, &Tree)],
@@ -49,7 +49,8 @@ impl<'a> Check<'_, 'a> {
         for (key, value) in entries {
             let text = key.text().unwrap_or_default().to_owned();
             let name = Name { text, span: key.span };
-            // Names of used graphs take precedence over node types of packs, under both their old and their new names.
+            // A used graph takes precedence over a pack's node type of the same name. This applies to current and outdated names of node
+            // types.
             let value = match is_own_type(value, subgraphs) {
                 true => (*value).clone(),
                 false => {
@@ -81,7 +82,7 @@ impl<'a> Check<'_, 'a> {
         for_each_nodes
     }
 
-    /// Parses the nodes of a `ForEach`. An error that all of them have in common is reported once.
+    /// Parses the nodes of a `ForEach`. An error that all of these nodes share is reported once.
     fn parse_for_each(
         &mut self,
         name: Name,
@@ -119,7 +120,7 @@ impl<'a> Check<'_, 'a> {
         found.retain(|diagnostic| said.insert((diagnostic.code, diagnostic.message.clone())));
         self.diagnostics.append(&mut found);
         if parsed_nodes.len() == first {
-            // Even if there are no elements, the type of the nodes is checked.
+            // Check the node type even if there are no elements.
             let call = Tree::new(value.span, Kind::Word(repeated.kind.text.clone()));
             let what = self.node_kind(&call, &name, subgraphs);
             outputs = Some(what.outputs().iter().map(|&name| name.to_owned()).collect());
@@ -149,7 +150,7 @@ impl<'a> Check<'_, 'a> {
         ParsedNode::with_links(name, value, NodeKind::Switch(branches), links)
     }
 
-    /// Determines the kind of a node from the name before the node's parentheses.
+    /// Determines the kind of a node from the name of its call, such as `Threshold` in `Threshold(..)`.
     pub(super) fn node_kind(
         &mut self,
         tree: &Tree,
@@ -172,7 +173,7 @@ impl<'a> Check<'_, 'a> {
             return NodeKind::Node(entry);
         }
         if let Some(subgraph) = subgraphs.iter().find(|subgraph| subgraph.name == kind.text) {
-            // Errors in the file of a used graph are reported in that file.
+            // Errors in the file of a used graph are reported in that file, not here.
             let definition = subgraph.definition.clone();
             return definition
                 .map_or(NodeKind::Unknown(None), |it| NodeKind::Use(kind.text.clone(), it));
@@ -203,7 +204,7 @@ impl<'a> Check<'_, 'a> {
         parsed.types = parsed.what.types();
         let known = self.diagnostics.len();
         let checked = self.check_fields(&parsed.what, &parsed.tree, defaults);
-        // A file that a parameter names is checked for each use of the graph.
+        // If a parameter names a file, the file is checked for each use of the graph.
         let is_open = parsed.parametric && !self.is_root();
         if is_open {
             let mut found = self.diagnostics.split_off(known);
@@ -212,7 +213,7 @@ impl<'a> Check<'_, 'a> {
         } else {
             checked.files.iter().for_each(|file| self.check_file_access(file));
         }
-        // Missing files are also watched for changes.
+        // Store missing files too, because they are watched for changes.
         self.note_files(&parsed.name.text, &checked.files, None);
         parsed.links.clone_from(&checked.links);
         let is_valid = self.is_valid_since(known) && checked.tree.is_complete();
@@ -235,7 +236,7 @@ impl<'a> Check<'_, 'a> {
     }
 }
 
-/// Creates a link for an entry that is not a node of the catalog.
+/// Creates a link of an entry that is not of a type in the catalog, such as a `Switch`.
 pub(super) fn link_of(link: &Tree, port: &str, many: bool) -> FoundLink {
     FoundLink {
         span: link.span,

@@ -1,7 +1,7 @@
-//! Patches: `Patch(of: "doll.ron", params: {..}, nodes: {..})` is another graph with changed values.
+//! Patches. `Patch(of: "doll.ron", params: {..}, nodes: {..})` is a graph like `doll.ron` with some values changed.
 //!
-//! The values are put into the text of the other graph, as `maquette edit GRAPH set` does. The result is checked and evaluated like any
-//! graph. The [`SourceMap`] knows which file each part of the text comes from, so that errors are reported at their causes, and paths are
+//! The values are put into the text of the patched graph, as by `maquette edit GRAPH set`. The result is checked and evaluated like any
+//! graph. The [`SourceMap`] records from which file each part of the text comes. Errors are reported at their causes, and paths are
 //! relative to the files that contain them.
 
 use std::collections::BTreeSet;
@@ -22,7 +22,8 @@ use crate::load::check_file;
 use crate::options::folder_of;
 use crate::tree::is_patch;
 
-/// Returns the tree of the graph that a patch makes. If one of the texts is missing or invalid, returns the tree of the patch itself.
+/// Returns the tree of the graph that results from a patch. If one of the files is missing or invalid, returns the tree of the patch
+/// itself.
 pub(super) fn patched_tree(
     path: &Path,
     text: String,
@@ -36,7 +37,7 @@ pub(super) fn patched_tree(
     }
 }
 
-/// A value in a patch, with the target at which the patch sets it.
+/// A value in a patch, and the target in the patched graph whose value it replaces.
 struct PatchValue {
     /// The path of the value in the patched graph.
     target: String,
@@ -51,7 +52,7 @@ struct PatchValue {
 pub(super) const FIELDS: [&str; 5] = ["format", "doc", "of", "params", "nodes"];
 
 impl Check<'_, '_> {
-    /// Parses the file. If it is a patch, returns the tree of the graph that the patch makes, and replaces the source map by that of this
+    /// Parses the file. If it is a patch, returns the tree of the resulting graph, and replaces the source map by that of the resulting
     /// graph.
     pub(super) fn tree(&mut self) -> Option<Tree> {
         let (tree, errors) = maquette_syntax::parse(&self.source_map.source.text);
@@ -67,7 +68,7 @@ impl Check<'_, '_> {
         self.whole_tree(tree, errors)
     }
 
-    /// Returns the tree. If the text of a graph or patch has syntax errors, returns those parts that can be read.
+    /// Returns the tree of a graph or patch. If its text has syntax errors, returns the parts that can be read.
     fn whole_tree(&mut self, tree: Tree, mistakes: Vec<SyntaxError>) -> Option<Tree> {
         let ReadText { tree, errors: mistakes, uncertain_parts: doubts } =
             ReadText::new(&self.source_map, (tree, mistakes), &["Graph", "Patch"]);
@@ -80,7 +81,7 @@ impl Check<'_, '_> {
         tree
     }
 
-    /// Removes diagnostics that may be mere consequences of unreadable parts of a text.
+    /// Removes diagnostics that may only be consequences of unreadable parts of the text.
     pub(super) fn leave_out_doubts(&mut self) {
         let Some(doubts) = &self.doubts else { return };
         let source_map = &self.source_map;
@@ -90,7 +91,7 @@ impl Check<'_, '_> {
         });
     }
 
-    /// Returns the text of the graph that a patch makes; `None` if the patch or the other graph has errors.
+    /// Returns the text of the graph that results from a patch. `None` if the patch or the patched graph has errors.
     fn patched_source_map(&mut self, patch: &Tree) -> Option<Arc<SourceMap>> {
         let own = self.source_map.clone();
         self.diagnostics.extend(duplicates(patch));
@@ -178,7 +179,7 @@ impl Check<'_, '_> {
                 }
             }
         }
-        // Diagnostics up to this point concern the patch. Later ones concern the graph that the patch makes.
+        // Diagnostics up to this point have positions in the patch. Later ones have positions in the resulting graph.
         let uses = self.uses.clone();
         self.leave_out_doubts();
         self.diagnostics.sort_by_key(|diagnostic| diagnostic.span);
@@ -188,8 +189,8 @@ impl Check<'_, '_> {
         Some(source_map)
     }
 
-    /// Migrates the patched nodes of the graph to current names. A value of the patch then reaches its field under the old name and under
-    /// the new name.
+    /// Migrates those nodes of the patched graph that the patch changes to current names. The patch can then use both the old and the new
+    /// name of a field.
     fn migrate_nodes(
         &mut self,
         mut source_map: Arc<SourceMap>,
@@ -277,7 +278,7 @@ impl Check<'_, '_> {
         self.report(code::BAD_NAME, key.span, message, "");
     }
 
-    /// Returns the text of the patched graph, which may be a patch itself.
+    /// Returns the text of the patched graph. If that is a patch too, returns its result.
     fn base_source_map(&mut self, given: &str, span: Span) -> Option<Arc<SourceMap>> {
         let own = self.source_map.clone();
         let found = self.enter(given, span)?;
@@ -296,7 +297,7 @@ impl Check<'_, '_> {
         let source = Arc::new(Source { name: found.name.clone(), text });
         self.world.open_files.push((found.canonical_path, found.name));
         self.source_map = SourceMap::new(source, folder_of(&found.path));
-        // Errors in the text of the patched graph are reported in the file of that text.
+        // Errors in the patched graph are reported in its own file, so collect them separately.
         let known = std::mem::take(&mut self.diagnostics);
         let tree = self.tree();
         let mut diagnostics = std::mem::replace(&mut self.diagnostics, known);
@@ -314,7 +315,7 @@ impl Check<'_, '_> {
     }
 }
 
-/// Returns errors for duplicate names in a patch. Duplicates inside of a value are found when the patched graph is checked.
+/// Returns errors for duplicate names in a patch. Duplicates inside of a value are found later, by the check of the resulting graph.
 pub fn duplicates(file: &Tree) -> Vec<LocalDiagnostic> {
     let fields = file.fields().filter(|_| is_patch(file)).unwrap_or_default();
     let mut found = duplicate_fields(fields);
@@ -330,7 +331,7 @@ pub fn duplicates(file: &Tree) -> Vec<LocalDiagnostic> {
     found
 }
 
-/// Returns the parts of a text, or the text itself as a single part.
+/// Returns the parts of the source map. If it has none, returns the whole text as a single part.
 fn text_parts(source_map: &SourceMap) -> Vec<TextPart> {
     if !source_map.parts.is_empty() {
         return source_map.parts.clone();
@@ -344,8 +345,8 @@ fn text_parts(source_map: &SourceMap) -> Vec<TextPart> {
     }]
 }
 
-/// Returns the field names that lead to a value of a patch, with their positions: those in the key, such as `select` in `"red.select"`, and
-/// then the field itself.
+/// Returns the field names on the path to a value of a patch, with their positions. The names in the key come first, such as `select` in
+/// `"red.select"`, then the name of the field itself.
 fn steps(text: &str, key: Span, field: Span) -> Vec<(&str, Span)> {
     let mut at = key.start;
     let mut steps = Vec::new();
@@ -357,8 +358,8 @@ fn steps(text: &str, key: Span, field: Span) -> Vec<(&str, Span)> {
     steps
 }
 
-/// Finds names in the text that leads to a value, such as `select: (distance: `. Returns the offset of each name, with the name's position
-/// in the patch, in order.
+/// Finds names in the text before a value, such as `select: (distance: `. For each name found, in order, returns its offset in that text
+/// and its position in the patch.
 fn name_positions(lead: &str, names: &[(&str, Span)]) -> Vec<(usize, Span)> {
     let (mut found, mut end) = (Vec::new(), lead.len());
     for (name, span) in names.iter().rev().filter(|(name, _)| !name.is_empty()) {
@@ -375,7 +376,7 @@ fn name_positions(lead: &str, names: &[(&str, Span)]) -> Vec<(usize, Span)> {
     found
 }
 
-/// Applies edits that put a value from another file into a text. `names` are the names in that file that lead to the value.
+/// Applies edits that put `value`, from another file, into a text. `names` are the field names on the path to the value in that file.
 fn splice_source_map(
     source_map: &SourceMap,
     mut edits: Vec<Splice>,
@@ -401,7 +402,7 @@ fn splice_source_map(
     };
     for (span, new) in edits {
         copy(&mut text, &mut parts, copied, span.start);
-        // The text around the value gets the position of the value.
+        // The new text around the value gets the position of the value.
         let lead = new.rfind(value).unwrap_or(0);
         let start = text.len();
         text.push_str(&new);

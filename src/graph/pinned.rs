@@ -1,4 +1,4 @@
-//! Nodes that replace pinned ones and return their stored results.
+//! Nodes that return stored results. They replace pinned nodes.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -26,8 +26,7 @@ impl World<'_> {
         }
     }
 
-    /// Reports the pinned results that were computed from something else than the current nodes. At this point the nodes have not been
-    /// replaced yet.
+    /// Reports pins whose results were not computed from the current nodes. Must be called before pinned nodes are replaced.
     pub(crate) fn report_stale_pins(&mut self, nodes: &[GraphNode], graph: &Source) {
         let pins = self.pins.clone();
         if pins.pins.is_empty() {
@@ -35,7 +34,7 @@ impl World<'_> {
         }
         let stale = match self.options.draft {
             false => self.stale_pins(&pins, nodes),
-            // Pinned results are final results, so a pin does not become stale in a draft.
+            // Compare with the graph for final results: pinned results are final, so a draft does not make them stale.
             true => {
                 let options = Options { draft: false, ..self.options.clone() };
                 let finals =
@@ -80,7 +79,7 @@ impl World<'_> {
         stale.collect()
     }
 
-    /// Creates the node that takes the place of a pinned one.
+    /// Creates the node that replaces a pinned node.
     fn pinned_node(
         &mut self,
         node: &GraphNode,
@@ -136,11 +135,11 @@ impl World<'_> {
 pub(crate) struct PinnedNode {
     kept: Vec<(&'static ValueType, Hash)>,
     file: PathBuf,
-    /// The path of the file with the values, for messages.
+    /// The path of the file with the stored values, as it appears in messages.
     given: String,
 }
 
-/// The error for stored values that are damaged.
+/// The error for stored values that are damaged or have another format.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error(
     "its pinned result {0} is damaged, or kept by another version of maquette: restore the file, pin the node again, or remove the pin with `maquette pin --remove`"

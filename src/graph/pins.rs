@@ -2,10 +2,10 @@
 //! the folder `doll.pins/`.
 //!
 //! When a graph with pins is read, each pinned node is replaced by a node without dependencies that returns the stored values. The
-//! evaluator does not know about pins. The keys of dependent nodes contain the hashes of the stored values, as for any other values.
+//! evaluator needs no special case. The cache keys of dependent nodes contain the hashes of the stored values, as for any other values.
 //!
-//! The values are stored next to the graph, not in the cache of results, because the cache belongs to one build of one program, may be
-//! cleared at any time, and is not copied with the project.
+//! The values are not stored in the cache of results, because the cache belongs to one build of one program, may be cleared at any time,
+//! and is not copied with the project.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -39,9 +39,9 @@ pub struct Pins {
 
 /// The stored result of a pinned node.
 pub struct Pin {
-    /// The type and the hash of each output.
+    /// For each output of the node, the name of its value type and the hash of its value.
     pub outputs: Vec<(String, Hash)>,
-    /// The state of the graph from which the result was computed.
+    /// The nodes, parameters and files from which the result was computed.
     pub(crate) ancestry: Ancestry,
     /// The position of the pin in the file that lists the pins.
     pub span: Span,
@@ -53,7 +53,7 @@ impl Pin {
         Self { outputs: outputs.collect(), ancestry, span: Span::default() }
     }
 
-    /// Returns the file that contains the stored values, in the folder of a graph's pins.
+    /// Returns the path of the file with the stored values. `folder` is the folder of the graph's pins.
     pub fn file(&self, folder: &Path) -> PathBuf {
         let hashes: Vec<_> = self.outputs.iter().flat_map(|(_, hash)| hash.0).collect();
         folder.join(Hash::compute(&hashes).to_string())

@@ -1,4 +1,4 @@
-//! Finds the positions of values in a text by the names that lead to them, and edits these values.
+//! Finds values in the text of a graph by their paths, such as `node.field`, and edits them.
 
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Body, Field, Kind, MAX_DEPTH, Tree, nearest_or_all, parse, unit_names};
@@ -8,7 +8,7 @@ use crate::draft_value;
 use crate::draft_value::{is_draft, is_side};
 use crate::tree::{is_patch, text_in_call};
 
-/// The error for a value that cannot be edited.
+/// The reason why an edit is impossible, with the code and position for a diagnostic.
 pub struct EditError {
     pub code: &'static str,
     pub span: Span,
@@ -22,9 +22,11 @@ impl EditError {
     }
 }
 
-/// Returns the edits that put a value at its target, and the previous value. A `Param` or an `Expr` is replaced only if `overrules` is set.
-/// In a `Draft`, the value for final results is replaced, or the one for drafts if `draft` is set; a new value that is itself a `Draft`
-/// replaces the whole. If `draft` is set, a plain value becomes a `Draft` that keeps the old value for final results.
+/// Returns the edits that set the value at a target, and the previous value.
+///
+/// A `Param` or an `Expr` is replaced only if `overrules` is set. In a `Draft`, only one side is replaced: the value for drafts if `draft`
+/// is set, else the one for final results. A new value that is itself a `Draft` replaces the whole. If `draft` is set, a plain value
+/// becomes a `Draft` that keeps the old value for final results.
 pub fn place_value(
     text: &str,
     target: &str,
@@ -84,7 +86,7 @@ pub fn place_value(
     put(entry, &path.split('.').collect::<Vec<_>>())
 }
 
-/// Returns the edits inside of one value.
+/// Returns the edits for a target inside of one value.
 fn in_call(
     text: &str,
     entry: &Tree,
@@ -106,7 +108,7 @@ fn in_call(
             text[tree.span.start..tree.span.end].to_owned()
         }
         let (new, unit) = (parse(value).0, &unit.text);
-        // If a number has the unit of its vector, the number is written without the unit.
+        // Omit the unit of the number if it equals the unit of the vector.
         if let Some(number) = new.call_of(unit) {
             let number = value[number.span.start..number.span.end].to_owned();
             return Ok((vec![(item.span, number)], Some(text_of(item, text))));
@@ -166,7 +168,7 @@ fn vector_in_unit<'t>(
     (unit.is_some() && is_vector).then_some((vector, index))
 }
 
-/// Returns true if the value at a path is inside of a `Draft`. Changing such a value for drafts leaves the final results unchanged.
+/// Returns true if the value at a path is inside of a `Draft`. It can then be changed for drafts without affecting final results.
 fn is_in_draft(entry: &Tree, steps: &[&str], reached: &Tree) -> bool {
     let is_named = steps.iter().any(|step| is_side(step));
     is_named
@@ -189,15 +191,15 @@ fn new_entry(text: &str, patch: &Tree, section: &str, target: &str, value: &str)
     }
 }
 
-/// The end that a path through a value reaches.
+/// The result of following a path through a value.
 pub enum PathEnd<'t> {
     Value(&'t Tree),
-    /// The path names a missing field: the call that lacks the field, and the rest of the path, which begins with that field.
+    /// The path ends at a missing field. Contains the call that lacks the field, and the rest of the path, which begins with that field.
     Missing(&'t Tree, Vec<String>),
 }
 
 /// Follows a path through fields, entries and items. The name of a choice, such as `Near` in `Near(..)`, may be a step of the path. At a
-/// `Draft`, the path continues in the given side unless its next step names a side. If no side is given, the path ends at the `Draft`.
+/// `Draft`, a step that names a side selects that side; otherwise `side` does. If `side` is `None`, the path ends at the `Draft`.
 pub fn find<'t>(
     tree: &'t Tree,
     path: &[&str],
@@ -228,7 +230,7 @@ pub fn find<'t>(
         }
         Kind::List(items) => numbered(items),
         Kind::Call { body: Body::Items(items), .. } => match &items[..] {
-            // The path continues in the fields of the only value of a choice, such as that in `Some(..)`.
+            // A choice such as `Some(..)` is not a step of the path, which continues in the fields of its only value.
             [item] if step.parse::<usize>().is_err() => find(item, path, side),
             _ => numbered(items),
         },
@@ -256,7 +258,7 @@ fn missing<'t>(tree: &'t Tree, path: &[&str]) -> PathEnd<'t> {
     PathEnd::Missing(tree, path.iter().map(|&step| step.to_owned()).collect())
 }
 
-/// Follows a path inside of a choice, after a step that named the choice.
+/// Follows the rest of a path inside of a choice, after a step that named the choice.
 fn find_inside<'t>(
     tree: &'t Tree,
     path: &[&str],
@@ -275,13 +277,13 @@ pub fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Field> {
     tree.fields()?.iter().find(|field| field.name.text == name)
 }
 
-/// Returns the error for a path that leads nowhere: beyond the last item of a list, or into a value without parts. A missing field is not
-/// an error, because it can be added.
+/// Returns the error for a path that cannot exist: it leads beyond the last item of a list, or into a value without parts. A missing field
+/// is not an error, because it can be added.
 pub fn unreachable_part(tree: &Tree, path: &[&str], draft: bool) -> Option<EditError> {
     find(tree, path, Some(draft)).err()
 }
 
-/// Fails if the value is a `Param` or an `Expr`. The error says which parameter to set instead.
+/// Returns an error if the value is a `Param` or an `Expr`. The error states which parameter to set instead.
 fn check_not_computed(tree: &Tree, value: &str) -> Result<(), EditError> {
     fn computed_error(message: String, help: String, tree_span: &Span) -> Result<(), EditError> {
         Err(EditError { code: code::EXPRESSION, ..EditError::new(*tree_span, message, help) })

@@ -11,7 +11,7 @@ use super::header::Header;
 use crate::definition::BoundExpectation;
 
 impl Definition {
-    /// Returns the outputs that have promises, with the promised properties.
+    /// Returns the promises of the graph, as pairs of an output and a property.
     pub(super) fn promises(&self) -> impl Iterator<Item = (&str, &str)> {
         self.expect.iter().filter_map(|expecting| {
             let property = expecting.expectation.promised_property()?;
@@ -21,7 +21,8 @@ impl Definition {
 }
 
 impl Check<'_, '_> {
-    /// Reads a list of properties, such as `[Closed, Triangles]`, with their positions. Empty if the type of the value is unknown.
+    /// Reads a list of properties, such as `[Closed, Triangles]`, with their positions. Returns an empty list if the type of the value is
+    /// unknown.
     pub(super) fn properties(
         &mut self,
         list: &Tree,
@@ -66,7 +67,7 @@ impl Check<'_, '_> {
         properties
     }
 
-    /// Reads the promises that a graph makes of its outputs.
+    /// Reads the section `promises` of a graph file: the properties that the graph promises of its outputs.
     pub(super) fn promises(
         &mut self,
         header: &Header<'_>,

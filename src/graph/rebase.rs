@@ -1,4 +1,4 @@
-//! Adapts the relative paths in a text that is moved to another folder.
+//! Adapts the relative paths in the text of a graph that is moved to another folder.
 
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
@@ -30,8 +30,8 @@ pub fn path_of_use(value: &Tree) -> Option<&Tree> {
     path.text().map(|_| path)
 }
 
-/// Returns the text of a definition in which all paths are relative to another folder. If the graph is patched, its paths are relative to
-/// several folders before.
+/// Returns the text of a definition with all paths relative to the folder `to`. The original paths of a patched graph may be relative to
+/// several folders.
 pub(super) fn text_relative_to(definition: &Definition, to: &Path) -> String {
     let source_map = &definition.source_map;
     let (text, tree) = (&source_map.source.text, &definition.tree);
@@ -42,7 +42,7 @@ pub(super) fn text_relative_to(definition: &Definition, to: &Path) -> String {
     apply(text, paths.collect())
 }
 
-/// Returns the positions of all paths of files, which are in nodes and in defaults of parameters.
+/// Returns the positions of all paths of files, in fields of nodes and in defaults of parameters.
 pub fn files(definition: &Definition) -> BTreeSet<Span> {
     let mut files = Files::default().find_in(definition);
     for (_, declaration) in entries(definition.tree.fields().unwrap_or_default(), "params") {
@@ -58,14 +58,14 @@ pub fn files(definition: &Definition) -> BTreeSet<Span> {
     files
 }
 
-/// Returns the edit that makes a path relative to another folder. `None` if the path does not change.
+/// Returns the edit that makes a path relative to the folder `to` instead of `from`. `None` if the path does not change.
 pub fn rebase_edit(text: &str, span: Span, from: &Path, to: &Path) -> Option<Splice> {
     let given = parse(&text[span.start..span.end]).0.text()?.to_owned();
     let path = rebase_path(&given, from, to);
     (path != given).then(|| (span, quote(&path)))
 }
 
-/// Finds the texts that are paths of files. The result for each used graph is stored, so that it is computed once.
+/// Finds the texts in a graph that are paths of files. The result for each used graph is cached.
 #[derive(Default)]
 struct Files(HashMap<*const Definition, BTreeSet<Span>>);
 
@@ -100,7 +100,7 @@ impl Files {
         found
     }
 
-    /// Returns true if a use passes the value of a field on to a field that names a file.
+    /// Returns true if a graph passes the value of its parameter `field` on to a field that takes the path of a file.
     fn takes_file(&mut self, graph: &Arc<Definition>, field: &str) -> bool {
         let known = Arc::as_ptr(graph);
         if !self.0.contains_key(&known) {
@@ -113,7 +113,7 @@ impl Files {
     }
 }
 
-/// Returns the position at which a value is written in its own file: its own position, or that of the default of its parameter.
+/// Returns the position of a value in its own file. For the default of a parameter, that is the position of the default.
 fn source_span(value: &Tree) -> Span {
     match value.origin {
         Some(Origin::Default(at)) => at,

@@ -1,4 +1,4 @@
-//! The recipe of a node: the properties that do not depend on the node's inputs.
+//! The recipe of a node: its type, parameters and files, but not the values of its inputs.
 
 use std::path::PathBuf;
 
@@ -10,14 +10,14 @@ use serde_json::{Value as Json, json};
 use crate::files::NodeFile;
 use crate::tree::join_path;
 
-/// The properties of a node that do not depend on the node's inputs. They are known when the graph is read.
+/// The data of a node that do not depend on the values of its inputs. They are known as soon as the graph is read.
 #[derive(Debug)]
 pub struct Recipe {
     /// The name of the node type: `Threshold`.
     pub kind: String,
     /// The parameters of the node. Links are represented as `{"$link": slot}`, and files as `{"$file": path}`.
     pub parameters: Json,
-    /// The hash of the type and the parameters. Only the extensions of file paths are included.
+    /// The hash of the type and the parameters. Paths of files do not affect it, except for their extensions.
     pub identity: Hash,
 }
 
@@ -29,27 +29,27 @@ impl Recipe {
         Self { kind: kind.to_owned(), parameters, identity }
     }
 
-    /// Adds tests of inputs to the hash, by slots and properties, because the results are those of inputs that pass the tests.
+    /// Adds tests of inputs, each a slot and a property, to the hash. With tests, results exist only for inputs that pass them.
     pub(crate) fn with_guards(&self, tests: &[(usize, &str)]) -> Self {
         let content = json!([self.identity, tests]);
         let identity = Hash::compute(content.to_string().as_bytes());
         Self { kind: self.kind.clone(), parameters: self.parameters.clone(), identity }
     }
 
-    /// Returns the files in the fields. With each comes its path through the fields: `color`, `select.mask`.
+    /// Returns the files in the fields. Each has its path through the fields, such as `select.mask`, and the path of the file.
     pub fn files(&self) -> Vec<(String, PathBuf)> {
         let mut found = Vec::new();
         collect_files(&self.parameters, "", &mut found);
         found
     }
 
-    /// Returns the parameters with only the extensions of file paths.
+    /// Returns the parameters, in which each file path is reduced to its extension.
     pub(crate) fn without_paths(&self) -> Json {
         without_paths(&self.parameters)
     }
 }
 
-/// Returns the parameters with only the extensions of file paths.
+/// Returns parameters in which each file path is reduced to its extension.
 fn without_paths(field: &Json) -> Json {
     match field {
         Json::Object(entries) => match entries.get(FILE).and_then(Json::as_str) {

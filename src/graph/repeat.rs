@@ -1,8 +1,8 @@
-//! A `ForEach` over data or over a number. The number of elements is not known when the file is read, so one parsed node represents all
+//! A `ForEach` over data or over a number. The number of elements is unknown when the file is read, so one parsed node represents all
 //! elements.
 //!
-//! The elements are checked as one node, whose data come from a second parsed node. [`super::expand`] creates as many nodes as there are
-//! elements, or one example.
+//! The elements are checked as one node, which takes its data from a second parsed node. Later [`super::expand`] creates one node per
+//! element or, if the number is still unknown, one example node.
 
 use maquette_syntax::error::code;
 use maquette_syntax::{Body, Field, Kind, Name, Tree, nearest_or_all};
@@ -20,8 +20,8 @@ use crate::definition::{ElementCount, Elements, NodeKind, ParsedNode, Pick, Repe
 pub(super) const DEFAULT_MAX_ELEMENTS: usize = 10_000;
 
 impl Check<'_, '_> {
-    /// Parses a `ForEach` whose number of elements is not known yet. Appends the parsed node that represents the elements, and a parsed
-    /// node for the data.
+    /// Parses a `ForEach` whose number of elements is not yet known. Appends one parsed node for all elements, and one for the data that
+    /// are split into elements.
     pub(super) fn parse_repeat(
         &mut self,
         name: Name,
@@ -80,7 +80,7 @@ impl Check<'_, '_> {
         parsed_nodes.extend(elements);
     }
 
-    /// Reports carried inputs that do not exist in the nodes of a `ForEach`. Returns false if there are any.
+    /// Reports inputs in `carry` that do not exist in the repeated node type. Returns false if there are any.
     pub(super) fn check_carry(
         &mut self,
         name: &Name,
@@ -90,7 +90,7 @@ impl Check<'_, '_> {
     ) -> bool {
         let known = self.diagnostics.len();
         let what = self.node_kind(&repeated.example(value.span), name, subgraphs);
-        // Errors of the node type are reported for the elements.
+        // Errors of the node type are reported when the elements are parsed, so drop them here.
         self.diagnostics.truncate(known);
         if matches!(what, NodeKind::Unknown(_)) {
             return true;
@@ -108,7 +108,8 @@ impl Check<'_, '_> {
         self.diagnostics.len() == known
     }
 
-    /// Returns the input that receives an element of data: the one that the file names, or else the only required input without a link.
+    /// Returns the input that receives one element of the data: the one that the file names, or else the only required input without a
+    /// link.
     fn data_input(
         &mut self,
         parsed: &ParsedNode,
@@ -200,7 +201,7 @@ impl Check<'_, '_> {
         }
     }
 
-    /// Appends a parsed node for each element that a link selects by its number: `spots/2`.
+    /// Appends a parsed node for each link to a single element by its number, such as `spots/2`.
     pub(super) fn add_picks(&self, parsed_nodes: &mut Vec<ParsedNode>, texts: &[&Tree]) {
         if parsed_nodes.iter().all(|parsed| parsed.repeat.is_none()) {
             return;
@@ -234,9 +235,9 @@ impl Check<'_, '_> {
     }
 }
 
-/// Returns the number of elements that a value stands for, or else a description of the value.
+/// Returns the number of elements that a value states. If it is not a valid number, returns a description of the value as the error.
 fn read_count(tree: &Tree) -> Result<usize, String> {
-    // A floating-point number cannot represent all larger integers exactly.
+    // Integers above this limit are not represented exactly by `f64`.
     const MAX_COUNT: f64 = (1_u64 << 53) as f64;
     match tree.kind {
         Kind::Number { value, .. } if MAX_COUNT < value => Err(format!("as many as {value:e}")),

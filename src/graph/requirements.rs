@@ -1,14 +1,14 @@
-//! The properties that are required or promised of a value, and the elements of the value that violate them.
+//! Required and promised properties of values, and the elements of a value that violate them.
 
 use maquette_value::{AnyValue, Violation};
 
 use super::Graph;
 
-/// A property that is required or promised of a value and must be tested, because it is not known to hold.
+/// A required or promised property of a value that must be tested, because it is not known to hold.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Requirement {
     pub(crate) property: String,
-    /// Descriptions of the parts that have the requirement, such as port `mesh` of `skin`.
+    /// Descriptions of what requires the property, such as port `mesh` of `skin`.
     pub(crate) by: Vec<String>,
 }
 
@@ -20,7 +20,7 @@ pub struct UnmetRequirement {
 }
 
 impl Graph {
-    /// Returns the requirements for an output of a node. Each property occurs once.
+    /// Returns the properties that are required or promised of an output of a node. Each property occurs once.
     pub fn requirements_of(&self, target: (usize, usize)) -> Vec<Requirement> {
         let wanted = self.topology.users(target.0).flat_map(|user| {
             let node = &self.nodes[user];
@@ -54,7 +54,7 @@ impl Graph {
 }
 
 impl Requirement {
-    /// Returns the requirements that the value violates.
+    /// Returns those of the requirements `all` that the value violates.
     pub fn find_unmet(all: &[Self], value: &AnyValue) -> Vec<UnmetRequirement> {
         let broken = all.iter().filter_map(|requirement| {
             let violation = value.violation(&requirement.property)?;
@@ -63,7 +63,7 @@ impl Requirement {
         broken.collect()
     }
 
-    /// Returns a short list of the parts that have the requirement, such as port `mesh` of `skin` and 3 more.
+    /// Returns a short description of what requires the property, such as port `mesh` of `skin` and 3 more.
     fn requirers(&self) -> String {
         match &self.by[..] {
             [one] => one.clone(),

@@ -1,4 +1,4 @@
-//! Finds expectations that no value can satisfy. Only contradictions within an expectation or with the types of the values are found.
+//! Finds expectations that no value can satisfy, because they contradict themselves or the types of the values.
 
 use std::collections::BTreeSet;
 
@@ -8,9 +8,9 @@ use maquette_value::{Meaning, Region, Value as _, ValueType, value_counts};
 
 use crate::Expectation;
 
-/// A condition that no value can satisfy.
+/// The reason why no value can satisfy an expectation.
 struct Contradiction {
-    /// The field that makes the condition impossible. Empty if the whole expectation does.
+    /// The field that makes the expectation impossible. Empty if the expectation as a whole is impossible.
     field: &'static str,
     code: &'static str,
     message: String,
@@ -18,8 +18,8 @@ struct Contradiction {
 }
 
 impl Expectation {
-    /// Returns the error for an expectation that no values of the given types satisfy. Unknown types are accepted. `item` is the
-    /// expectation as the file contains it.
+    /// Returns the error for an expectation that no values of the given types can satisfy. A value of unknown type may satisfy any
+    /// expectation. `item` is the expectation as the file contains it.
     pub fn find_contradiction(
         &self,
         types: &[Option<&ValueType>],
@@ -62,7 +62,7 @@ impl Expectation {
         }
     }
 
-    /// Finds quantities to be counted that values of the given types do not have.
+    /// Finds quantities that are to be counted but do not exist in values of the given types.
     fn type_mismatch(&self, types: &[Option<&ValueType>]) -> Option<Contradiction> {
         let names = self.values();
         let known = |at: usize| types.get(at).copied().flatten().map(|kind| (names[at], kind));
@@ -119,7 +119,7 @@ fn has_no_places(kind: &ValueType) -> bool {
         .all(|value| value.parts().columns.iter().all(|part| part.meaning != Meaning::Position))
 }
 
-/// Returns the quantities of a type that can be counted. `None` if the type has no sample values.
+/// Returns the names of the quantities that can be counted in values of a type. `None` if the type has no sample values.
 fn counts_of(kind: &ValueType) -> Option<BTreeSet<String>> {
     let values = kind.edge_cases();
     let names = values.iter().flat_map(value_counts).map(|(name, _)| name.into_owned());

@@ -1,20 +1,20 @@
-//! Inserts, replaces and removes parts of a text, and keeps the author's layout.
+//! Inserts, replaces and removes parts of a text, and preserves the author's layout.
 
 use std::collections::BTreeSet;
 
 use maquette_syntax::error::Span;
 use maquette_syntax::{Body, Field, Kind, LineEnding, Token, Tree, tokens};
 
-/// A replacement of a span by a text.
+/// An edit of a text: the span to be replaced, and the new text.
 pub type Splice = (Span, String);
 
 pub fn apply(text: &str, mut edits: Vec<Splice>) -> String {
-    // The sort is stable, so that insertions at one position keep their order.
+    // The sort must be stable: insertions at one position keep their order.
     edits.sort_by_key(|(span, _)| *span);
     let mut result = String::with_capacity(text.len() + 64);
     let mut copied = 0;
     for (span, new) in edits {
-        // Edits inside of a removed part are dropped.
+        // Drop edits inside of a part that another edit replaces.
         if span.start < copied {
             continue;
         }
@@ -25,7 +25,7 @@ pub fn apply(text: &str, mut edits: Vec<Splice>) -> String {
     result + &text[copied..]
 }
 
-/// Returns the edits that add a field to a call or to a bare word, in the style of the other fields.
+/// Returns the edits that add a field to a call or to a bare word. The layout follows that of the existing fields.
 pub fn add_field(text: &str, owner: &Tree, name: &str, value: &str) -> Vec<Splice> {
     fn insert(at: usize, text: String) -> (Span, String) {
         (Span { start: at, end: at }, text)
@@ -49,8 +49,8 @@ pub fn add_field(text: &str, owner: &Tree, name: &str, value: &str) -> Vec<Splic
     insert_after(text, owner.span, before, last, &new)
 }
 
-/// Returns the edits that insert a field, entry or item after the part `last` of `owner`. The new part gets a line of its own if `last` has
-/// one. `before` is the end of the part before `last`.
+/// Returns the edits that insert a field, entry or item of `owner` after its part `last`. The new part is on its own line if `last` is.
+/// `before` is the end of the part that precedes `last`.
 pub fn insert_after(
     text: &str,
     owner: Span,
@@ -80,15 +80,15 @@ pub fn insert_after(
     vec![insert(last.end, format!("{comma}{new}"))]
 }
 
-/// Returns the indentation of a part of `owner`. `None` if other text precedes the part on its line, or if `owner` begins on that line.
+/// Returns the indentation of a part of `owner`. `None` if other text, such as the beginning of `owner`, precedes the part on its line.
 pub fn indent_of(text: &str, owner: Span, part: Span) -> Option<&str> {
     let line = line_start(text, part.start);
     let indent = &text[line..part.start];
     (line > owner.start && indent.trim().is_empty()).then_some(indent)
 }
 
-/// Returns the edits that insert an entry into a map. It is inserted after one of the entries, or as the only entry, which gets a line of
-/// its own if `broken` is set. `write` returns the text of the entry for an indentation.
+/// Returns the edits that insert an entry into a map, after one of its entries. If the map is empty and `broken` is set, the new entry is
+/// on its own line. `write` returns the text of the entry for a given indentation.
 pub fn put_entry(
     text: &str,
     map: &Tree,
@@ -109,7 +109,7 @@ pub fn put_entry(
     if inside.trim().is_empty() && !broken {
         return vec![(map.span, format!("{{ {} }}", write("")))];
     }
-    // Comments in the map are kept before the new entry.
+    // The new entry is inserted after all comments in the map.
     let line = &text[line_start(text, map.span.start)..];
     let outer = &line[..line.len() - line.trim_start_matches([' ', '\t']).len()];
     let step = if outer.contains('\t') { "\t" } else { "    " };
@@ -119,7 +119,7 @@ pub fn put_entry(
     vec![(at, format!("{newline}{indent}{},{newline}{outer}", write(&indent)))]
 }
 
-/// Returns the line ending that precedes an offset; on the first line, the line ending that follows.
+/// Returns the line ending before an offset. On the first line of the text, returns the line ending after the offset.
 pub fn newline(text: &str, at: usize) -> &'static str {
     if LineEnding::detect(text) == Some(LineEnding::Mac) {
         return "\r";
@@ -128,8 +128,8 @@ pub fn newline(text: &str, at: usize) -> &'static str {
     if end.is_some_and(|end| text[..end].ends_with('\r')) { "\r\n" } else { "\n" }
 }
 
-/// Changes the indentation of formatted lines from `columns` to `indent`, and their line endings to `newline`. The first line is not
-/// indented.
+/// Changes the indentation of formatted lines from `columns` spaces to `indent`, and their line endings to `newline`. The first line is not
+/// changed.
 pub fn reindent(form: &str, columns: usize, indent: &str, newline: &str) -> String {
     let mut text = String::with_capacity(form.len());
     for (token, Span { start, end }) in tokens(form) {
@@ -182,7 +182,7 @@ pub fn parts(value: &Tree) -> Vec<Span> {
     }
 }
 
-/// Returns the edits that remove parts of a value, with their commas and lines.
+/// Returns the edits that remove parts of a value, together with their commas and lines. `gone` contains the indices of the parts.
 pub fn remove_parts(text: &str, owner: &Tree, gone: &BTreeSet<usize>) -> Vec<Splice> {
     let parts = parts(owner);
     let (open, close) = (content_start(text, owner.span), owner.span.end - 1);
@@ -199,7 +199,7 @@ pub fn remove_parts(text: &str, owner: &Tree, gone: &BTreeSet<usize>) -> Vec<Spl
         let Some(part) = parts.get(index) else { continue };
         cuts.push(cut(text, owner.span, *part, index == 0));
     }
-    // If the last part is removed and has no comma, the comma before it is removed instead.
+    // If the removed last part has no comma after it, remove the comma before it.
     let kept = (0..parts.len()).rev().find(|index| !gone.contains(index));
     let last = parts.last().filter(|last| Tail::find(text, last.end, close).comma.is_none());
     if let (Some(kept), Some(_)) = (kept, last)
@@ -217,8 +217,8 @@ pub fn remove_parts(text: &str, owner: &Tree, gone: &BTreeSet<usize>) -> Vec<Spl
     merge_spans(cuts).into_iter().map(|cut| (cut, String::new())).collect()
 }
 
-/// Returns the span that is removed with a part. If the part is alone on its lines, the span consists of these lines; otherwise of the
-/// part, its comma and the adjacent space.
+/// Returns the span to delete in order to remove a part. If nothing else is on the part's lines, it consists of these lines. Otherwise it
+/// consists of the part, its comma and the adjacent space.
 fn cut(text: &str, owner: Span, part: Span, is_first: bool) -> Span {
     let tail = Tail::find(text, part.end, owner.end);
     let comma = tail.comma.filter(|&comma| !text[part.end..comma].contains('\n'));
@@ -237,7 +237,7 @@ fn cut(text: &str, owner: Span, part: Span, is_first: bool) -> Span {
     Span { start: before, end: comma + 1 }
 }
 
-/// Extends a span of whole lines by the blank lines before it, if a blank line or the closing bracket follows the span.
+/// Extends a span of whole lines to the blank lines before it, if a blank line or the closing bracket follows the span.
 pub fn without_blank_lines(text: &str, cut: Span, open: usize, close: usize) -> Span {
     let Span { mut start, mut end } = cut;
     fn begins_line(at: usize, text: &str) -> bool {
@@ -286,11 +286,11 @@ fn merge_spans(mut spans: Vec<Span>) -> Vec<Span> {
     merged
 }
 
-/// The text that follows a part of a value.
+/// The text that follows a part of a value, up to the end of the line.
 pub struct Tail {
     /// The offset of the comma after the part.
     pub comma: Option<usize>,
-    /// The end of the line on which the part, or its comma, ends. Comments are included.
+    /// The end of the line on which the part or its comma ends, including comments on that line.
     pub line_end: usize,
 }
 
@@ -298,7 +298,7 @@ impl Tail {
     pub fn find(text: &str, value_end: usize, call_end: usize) -> Self {
         let mut tail = Self { comma: None, line_end: value_end };
         let mut same_line = true;
-        // The text begins in the middle of a graph, but is tokenized correctly nevertheless.
+        // The text begins in the middle of a file, but the tokenizer does not depend on the text before it.
         for (part, span) in tokens(&text[value_end..call_end]) {
             let (start, end) = (value_end + span.start, value_end + span.end);
             match part {

@@ -1,8 +1,8 @@
-//! Graphs whose number of nodes depends on data, because of a `ForEach` over the components of labels, the points of a cloud or the parts
-//! of a mesh.
+//! Graphs whose number of nodes depends on data: a `ForEach` iterates over the components of labels, the points of a cloud or the parts of
+//! a mesh.
 //!
-//! Such a graph is checked with one example, which represents all elements. When the data are known, the graph is expanded again with the
-//! actual numbers of elements. Equal nodes have equal keys, so nothing is computed twice.
+//! Such a graph is checked with one example node, which represents all elements. After the data have been computed, the graph is expanded
+//! again with the actual numbers of elements. Equal nodes have equal cache keys, so nothing is computed twice.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
@@ -32,28 +32,29 @@ impl Stage {
 }
 
 impl Graph {
-    /// Marks each `ForEach` whose elements have been counted, or whose data have failed.
+    /// Marks the given `ForEach` nodes as settled: their elements have been counted, or their data have failed.
     pub fn with_counted(self, settled: BTreeSet<String>) -> Self {
         Self { counted: settled, ..self }
     }
 
-    /// Returns the nodes that split data which has no elements. No node depends on them, but their status is reported.
+    /// Returns the nodes that have split data into zero elements. No other node depends on them, but their status is reported.
     pub fn empty_loops(&self) -> impl Iterator<Item = usize> {
         let counted = self.loops.iter().filter(|it| self.counted.contains(&it.name));
         counted.map(|it| it.node).filter(|node| self.nodes[*node].outputs.is_empty())
     }
 
-    /// Returns true if the elements of this `ForEach` have been counted.
+    /// Returns true if the elements of the `ForEach` of this name have been counted, or its data have failed.
     pub fn is_settled(&self, name: &str) -> bool {
         self.counted.contains(name)
     }
 
-    /// Returns all `ForEach` of the graph that iterate over data.
+    /// Returns each `ForEach` of the graph that iterates over data.
     pub fn loops(&self) -> &[Loop] {
         &self.loops
     }
 
-    /// Returns the data of one element, such as `spots/3/spot`: the output of the node `spots/spot`, which splits the data.
+    /// Returns the data of one element of a `ForEach`. For the name `spots/3/spot`, this is output 2 of the node `spots/spot`, which splits
+    /// the data.
     pub fn element(&self, name: &str) -> Option<(usize, usize)> {
         let (element, port) = name.rsplit_once('/')?;
         let (each, number) = element.rsplit_once('/')?;
@@ -64,8 +65,8 @@ impl Graph {
         (rest == Some(port) && output < node.outputs.len()).then_some((found.node, output))
     }
 
-    /// Returns the nodes to which a name refers. If the name may be inside of a `ForEach` over data, also returns the node that splits the
-    /// data.
+    /// Returns the nodes to which a name refers. If the name is inside of a `ForEach` over data, such as `spots/3`, also returns the node
+    /// that splits the data.
     pub fn resolve_nodes(&self, name: &str) -> Vec<usize> {
         let named =
             self.find_value(name).map_or_else(|| self.nodes_of(name), |(node, _)| vec![node]);
@@ -73,14 +74,14 @@ impl Graph {
         named.into_iter().chain(around.map(|it| it.node)).collect()
     }
 
-    /// Returns the `ForEach` over data to which a name refers or inside of which the name is, if the elements of that `ForEach` are not
-    /// known.
+    /// Returns the `ForEach` over data to which a name refers or inside of which the name is. `None` if there is none, or if its elements
+    /// are known.
     pub fn open_loop(&self, name: &str) -> Option<&Loop> {
         let mut open = self.loops.iter().filter(|it| it.is_open);
         open.find(|it| name == it.name || is_inside(name, &it.name))
     }
 
-    /// Expands the graph with the given numbers of elements. The inputs keep their values.
+    /// Expands the graph for the given numbers of elements. The inputs keep their values.
     ///
     /// # Errors
     /// The numbers cause an error, for example in a parameter that receives the number of an element.
@@ -109,19 +110,19 @@ impl Graph {
     }
 }
 
-/// The type name of the nodes that split data.
+/// The type name of the nodes that split data into elements.
 pub const ELEMENTS: &str = "Elements";
 
-/// A node that splits data, with one output for each element.
+/// A node that splits data into elements, with one output for each element.
 struct ElementsNode {
     word: String,
     max_elements: usize,
-    /// The link to the data that is split.
+    /// The link to the data that are split.
     over: String,
     count: Option<Count>,
 }
 
-/// The elements of the last run. Unchanged elements are reused, which affects nothing but the time.
+/// The elements of the previous run. Reusing unchanged elements saves time and does not affect results.
 #[derive(Clone)]
 struct PreviousElements(Arc<[AnyValue]>);
 
@@ -137,7 +138,7 @@ impl Memo for PreviousElements {
     }
 }
 
-/// The error for data whose number of elements is not the one for which the graph was expanded.
+/// The error for data whose number of elements differs from the number for which the graph was expanded.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("it has {0} elements now: run the graph again")]
 pub struct ElementCountChanged(pub usize);
@@ -193,7 +194,7 @@ impl AnyNode for ElementsNode {
     }
 }
 
-/// Creates the node that splits the data of a `ForEach`.
+/// Creates the node that splits the data of a `ForEach` into at most `most` elements.
 pub(super) fn elements_node(
     elements: &Elements,
     most: usize,

@@ -1,4 +1,4 @@
-//! The graphs that a file uses, and the inputs that the file declares.
+//! Reads the files of the graphs that a graph uses, and the inputs that the graph declares.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -18,20 +18,20 @@ use crate::world::{GraphReference, with_enough_stack};
 /// The names of the fields in the declaration of an input.
 pub(crate) const INPUT_FIELDS: [&str; 2] = ["doc", "wants"];
 
-/// The maximum nesting depth of graphs that use other graphs.
+/// Maximum nesting depth of used graphs: a graph uses a graph that uses a graph, and so on.
 pub(crate) const MAX_NESTING: usize = 256;
 
 /// The file of a graph to which another graph refers.
 pub(crate) struct FoundGraph {
     pub(crate) path: PathBuf,
-    /// The path without symbolic links and dots.
+    /// The path without symbolic links and without `.` and `..`.
     pub(crate) canonical_path: PathBuf,
-    /// The path for messages, relative to the same folder as the path of the first graph.
+    /// The path for messages, relative to the same folder as the path of the root graph.
     pub(crate) name: PathBuf,
 }
 
 impl<'a> Check<'_, 'a> {
-    /// Reads the graphs that this one uses.
+    /// Reads the graphs in the section `use` of this graph.
     pub(crate) fn subgraphs(&mut self, header: &Header<'_>) -> Vec<UsedGraph> {
         let mut subgraphs: Vec<UsedGraph> = Vec::with_capacity(header.uses.len());
         for (key, value) in header.uses {
@@ -65,7 +65,7 @@ impl<'a> Check<'_, 'a> {
         subgraphs
     }
 
-    /// Reads the graph in the file `given`. The node `at` is the first one that uses it.
+    /// Reads the graph in the file `given`. `at` is the first node that uses the graph.
     fn subgraph(&mut self, given: &str, span: Span, at: (&str, Span)) -> Option<Arc<Definition>> {
         let FoundGraph { path, canonical_path: real, name } = self.enter(given, span)?;
         if let Some(known) = self.world.known.get(&real) {
@@ -89,7 +89,7 @@ impl<'a> Check<'_, 'a> {
     pub(crate) fn enter(&mut self, given: &str, span: Span) -> Option<FoundGraph> {
         let folder = self.source_map.folder_of(span);
         let path = folder.join(given);
-        // The folder of a file that is not written yet may not exist. Its path then cannot be resolved through symbolic links.
+        // A new graph may be in a folder that does not exist yet, whose symbolic links cannot be resolved.
         let path = if folder.is_dir() { path } else { without_dots(&path) };
         self.world.subgraphs.push(path.clone());
         let access = match may_read(given, &path, &self.world.roots) {
@@ -132,7 +132,7 @@ impl<'a> Check<'_, 'a> {
         Some(FoundGraph { path, canonical_path: real, name })
     }
 
-    /// Reads the inputs that a graph declares, as parsed nodes.
+    /// Reads the declared inputs of a graph as parsed nodes.
     pub(crate) fn inputs(
         &mut self,
         entries: &[(Tree, Tree)],
@@ -151,7 +151,7 @@ impl<'a> Check<'_, 'a> {
             parsed_nodes.push(ParsedNode::input(key, value.clone(), kind, optional.is_some()));
             let doc = value.fields().unwrap_or_default().iter();
             let doc = doc.filter(|field| field.name.text == "doc").find_map(|f| f.value.text());
-            // A port of an unknown type would accept nothing, and links to the port are not checked.
+            // If the type is unknown, its name is empty. No type has this name, but links to such a port are not checked.
             let kind = kind.map_or("", |kind| kind.name);
             let doc = doc.unwrap_or_default();
             let mut port = json!({ "port": kind, "types": [kind], "description": doc });
@@ -200,7 +200,7 @@ impl<'a> Check<'_, 'a> {
     }
 }
 
-/// Returns the first node of this type, with the position of its name.
+/// Returns the name of the first node of this type, and the position of that name.
 pub(crate) fn first_use<'t>(header: &Header<'t>, name: &str) -> Option<(&'t str, Span)> {
     let (key, _) = header.nodes.iter().find(|node| {
         let kind = node.1.name();

@@ -1,4 +1,4 @@
-//! The structure of a graph as far as the evaluator compares it: the dependencies and the identity of nodes.
+//! The parts of a graph that the evaluator compares between two versions: the dependencies and the identity of nodes.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use maquette_value::Hash;
 use super::GraphNode;
 use super::dependencies::Dependencies;
 
-/// The structure of a graph, which does not contain the nodes themselves.
+/// The names, hashes and dependencies of the nodes of a graph, without the nodes themselves.
 #[derive(Debug)]
 pub struct Topology {
     /// The names of the nodes.
@@ -42,24 +42,24 @@ impl Topology {
         self.readers.binary_search(&node).is_ok()
     }
 
-    /// Returns the users of a node in order. A user appears once per link.
+    /// Returns the nodes that depend on a node, in the order of the nodes. A user appears once per link.
     pub fn users(&self, node: usize) -> impl Iterator<Item = usize> {
         self.needs.users(node)
     }
 
-    /// Returns the sources of a node. A source appears once per link.
+    /// Returns the nodes on which a node depends, in the order of its links. A source appears once per link.
     pub fn sources(&self, node: usize) -> impl Iterator<Item = usize> {
         self.needs.sources(node)
     }
 
-    /// For each node, returns true if it is one of `roots` or one of them depends on it.
+    /// For each node, returns true if it is one of `roots` or if a root depends on it.
     pub fn needed_by(&self, roots: &[usize]) -> Vec<bool> {
         self.needs.closure_of(roots.iter().copied())
     }
 }
 
 fn needs(nodes: &[GraphNode]) -> Dependencies {
-    // The links are added from the last to the first, because petgraph lists neighbors in reverse order.
+    // Add the links in reverse order, because petgraph lists neighbors from the last edge to the first.
     let links = nodes.iter().enumerate().rev().flat_map(|(user, node)| {
         let links = node.links.iter().rev();
         links.map(move |link| (user, link.node))
@@ -67,7 +67,7 @@ fn needs(nodes: &[GraphNode]) -> Dependencies {
     Dependencies::new(nodes.len(), links)
 }
 
-/// Appends the name, the recipe and the links of a node.
+/// Appends the name, the recipe and the links of a node to the bytes that are hashed.
 fn describe(node: &GraphNode, content: &mut Vec<u8>) {
     // Each part has a fixed length or is preceded by its length, so that different graphs have different bytes.
     content.extend_from_slice(&node.recipe.identity.0);

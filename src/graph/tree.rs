@@ -7,7 +7,7 @@ pub(crate) fn join_path(path: &str, step: &str) -> String {
     if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") }
 }
 
-/// The entries of a section of a graph, such as `nodes`, by name.
+/// Returns the entries of a section of a graph, such as `nodes`, as pairs of a name and a value.
 pub fn entries<'t>(
     fields: &'t [Field],
     section: &str,
@@ -20,12 +20,12 @@ pub fn entries<'t>(
     entries.flatten().filter_map(|(key, value)| Some((key.text()?, value)))
 }
 
-/// Returns the text in `Param("..")`, `Expr("..")` and similar calls.
+/// Returns the text argument of a call such as `Param("..")` or `Expr("..")`.
 pub fn text_in_call<'t>(tree: &'t Tree, name: &str) -> Option<&'t str> {
     tree.call_of(name).and_then(Tree::text)
 }
 
-/// Prints a value on one line, in the syntax of files.
+/// Prints a value on one line, in the syntax of graph files.
 pub fn show(tree: &Tree) -> String {
     fn show_all(items: &[Tree]) -> String {
         items.iter().map(show).collect::<Vec<_>>().join(", ")

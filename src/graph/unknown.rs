@@ -1,7 +1,7 @@
-//! Nodes whose type no pack has. Their fields are kept in the file, but they have no results.
+//! Nodes of types that no pack defines. They are kept in the file, but they have no results.
 //!
-//! Such a node fails, and the nodes that depend on it are skipped, so the evaluator needs no special case. A node whose file is missing is
-//! treated in the same way. The check still reports an error, because an error concerns the whole graph.
+//! Such a node fails, and the nodes that depend on it are skipped, so the evaluator needs no special case. A node with a missing input file
+//! is treated in the same way. The check of the graph still reports an error.
 
 use std::sync::Arc;
 
@@ -16,10 +16,10 @@ use super::check::Check;
 use super::recipe::Recipe;
 use crate::definition::BuiltNode;
 
-/// The node that takes the place of one of an unknown type. It contains the diagnostic of the check.
+/// Replaces a node of an unknown type, and fails when it is evaluated. Contains the diagnostic of the check.
 struct UnknownNode(Option<Diagnostic>);
 
-/// The error that evaluating such a node returns. It contains the diagnostic of the check.
+/// The error of evaluating a node of an unknown type. Contains the diagnostic of the check.
 #[derive(Debug, thiserror::Error)]
 #[error("no pack has a node of this type")]
 pub struct UnknownType(pub Option<Diagnostic>);
@@ -48,7 +48,7 @@ impl AnyNode for UnknownNode {
     }
 }
 
-/// Creates the node that takes the place of one of an unknown type.
+/// Creates the node that replaces a node of an unknown type.
 pub(super) fn unknown_node(tree: &Tree, diagnostic: Option<Diagnostic>) -> BuiltNode {
     let kind = tree.name().map_or_else(String::new, |kind| kind.text);
     let recipe = Arc::new(Recipe::new(&kind, json!({}), &[]));
@@ -57,8 +57,8 @@ pub(super) fn unknown_node(tree: &Tree, diagnostic: Option<Diagnostic>) -> Built
 }
 
 impl CheckedGraph {
-    /// Converts errors about unknown node types and missing files to warnings, so that [`graph`](Self::graph) contains all parts that can
-    /// be evaluated. A run reports an error for each such node or file on which an output depends.
+    /// Converts errors about unknown node types and missing files to warnings. [`graph`](Self::graph) then contains all parts that can be
+    /// evaluated. An evaluation reports an error for each such node or file on which an output depends.
     #[must_use]
     pub fn without_unknown_nodes(self) -> Self {
         let mut checked = self.without_missing_files();
@@ -69,8 +69,8 @@ impl CheckedGraph {
         checked
     }
 
-    /// Converts errors about missing files to warnings, for running a graph. A run reports an error for each missing file on which an
-    /// output depends.
+    /// Converts errors about missing files to warnings, so that the graph can be run. The run reports an error for each missing file on
+    /// which an output depends.
     #[must_use]
     pub fn without_missing_files(mut self) -> Self {
         if self.partial.is_some() {
@@ -110,7 +110,8 @@ impl Check<'_, '_> {
         missing
     }
 
-    /// Returns the help for a node of an unknown type. There is none unless the file requires packs that the program does not have.
+    /// Returns the help for a node of an unknown type: the required packs that the program does not have. `None` if it has all required
+    /// packs.
     pub(super) fn missing_packs(&self) -> Option<String> {
         match &self.missing_packs[..] {
             [] => None,

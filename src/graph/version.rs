@@ -1,4 +1,4 @@
-//! Versions of graphs, and the versions that uses of graphs require.
+//! Versions of graphs, and the minimum versions that graphs require of the graphs they use.
 
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Help, Kind, Tree, nearest_or_all};
@@ -10,12 +10,12 @@ use super::definition::Definition;
 /// An entry of the section `use`.
 pub(super) struct UseEntry<'t> {
     pub(super) path: &'t str,
-    /// The position of the graph's path.
+    /// The position of `path` in the file.
     pub(super) span: Span,
     pub(super) version: Option<VersionRequirement<'t>>,
 }
 
-/// The minimum version of the graph, as it is written.
+/// The minimum version of the used graph, as the file contains it.
 pub(super) struct VersionRequirement<'t> {
     text: &'t str,
     span: Span,
@@ -26,14 +26,14 @@ pub(super) struct VersionRequirement<'t> {
 const FIELDS: [&str; 2] = ["path", "version"];
 
 impl Check<'_, '_> {
-    /// Reads the version that a graph states.
+    /// Reads the field `version` of a graph.
     pub(super) fn read_version(&mut self, tree: &Tree) -> Option<Version> {
         let version = tree.text().and_then(|text| text.parse().ok());
         if version.is_none() && !tree.is_broken() {
             let found = tree.describe();
             let message =
                 format!("field `version` of Graph: expected three numbers, found {found}");
-            // A version with only one or two numbers is completed by zeros.
+            // To suggest a correction, complete a version of only one or two numbers by zeros.
             let whole = tree.text().and_then(|text| {
                 let zeros = [".0.0", ".0"].map(|zeros| format!("{text}{zeros}"));
                 zeros.into_iter().find(|whole| whole.parse::<Version>().is_ok())
@@ -107,7 +107,7 @@ impl Check<'_, '_> {
         Some(VersionRequirement { text: text?, span: tree.span, requirement: fitting? })
     }
 
-    /// Reports a graph that does not have the required version.
+    /// Reports a used graph that does not have the required version.
     pub(super) fn check_version(
         &mut self,
         name: &str,
@@ -126,7 +126,7 @@ impl Check<'_, '_> {
                 format!("`{name}` wants version {text}, but {file} is version {version}"),
                 "use a file of a matching version, or review the changes and require this version",
             ),
-            // An invalid version is reported in the file of the graph that has it.
+            // An invalid version is reported in the used graph's own file.
             None if has_version(graph) => return,
             None => (
                 format!("`{name}` wants version {text}, but {file} says no version"),
@@ -137,7 +137,7 @@ impl Check<'_, '_> {
     }
 }
 
-/// Returns true if the file of a graph states a version, even an invalid one.
+/// Returns true if the file of a graph has a field `version`, even an invalid one.
 fn has_version(graph: &Definition) -> bool {
     graph.tree.fields().unwrap_or_default().iter().any(|field| field.name.text == "version")
 }

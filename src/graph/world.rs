@@ -1,4 +1,4 @@
-//! The state shared by all files of a graph while they are checked.
+//! The state that all files of a graph share while the graph is checked.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
@@ -12,37 +12,37 @@ use crate::definition::Definition;
 use crate::pins::Pins;
 use crate::{Options, ReadFile};
 
-/// The state shared by all files of a graph while they are checked.
+/// The state that all files of a graph share while the graph is checked.
 pub struct World<'a> {
     pub(crate) catalog: &'a Catalog,
     pub(crate) options: &'a Options,
     pub roots: Vec<PathBuf>,
     pub(crate) values: BTreeMap<&'static str, &'static ValueType>,
-    /// The files that have been read, by their resolved paths. `None` for a file whose ports are unknown.
+    /// The graph files that have been read, by their resolved paths. `None` for a file that has no valid ports.
     pub known: HashMap<PathBuf, Option<Arc<Definition>>>,
-    /// The node types that `use` declares: the nesting depth of the use, the name of the type, and the graph.
+    /// The node types that the sections `use` declare. Each has the nesting depth of the declaring graph, its name and its graph.
     pub node_types: Vec<(usize, String, Arc<Definition>)>,
-    /// The files that are being read, as resolved path and name. Each file uses the next one.
+    /// The chain of files that are currently being read, each as resolved path and name. Each file uses the next one.
     pub(crate) open_files: Vec<(PathBuf, PathBuf)>,
     pub diagnostics: Vec<Diagnostic>,
     /// The files of all used graphs, including missing files.
     pub(crate) subgraphs: Vec<PathBuf>,
-    /// The references from graphs to readable files of other graphs.
+    /// All references from a graph to the file of another graph, if that file is readable.
     pub(crate) references: Vec<GraphReference>,
-    /// The optional inputs of the first graph that have no value.
+    /// The optional inputs of the root graph that have no value.
     pub(crate) absent: BTreeSet<String>,
-    /// The diagnostics of missing files, by the paths of the files and the positions of their names.
+    /// The diagnostics of missing files. The key is the path of the missing file, and the file and span that contain this path.
     pub(crate) missing: HashMap<(PathBuf, PathBuf, Span), Arc<Diagnostic>>,
     /// The files that the checked nodes read.
     pub(crate) files: Vec<ReadFile>,
-    /// The pinned results of the first graph.
+    /// The pinned results of the root graph.
     pub(crate) pins: Arc<Pins>,
 }
 
-/// The number of nesting levels that run on one thread. They fit into a stack of 2 MB, the smallest default of the supported systems.
+/// Number of nesting levels that run on one thread. They fit into a stack of 2 MB, the smallest default of the supported systems.
 pub(crate) const LEVELS_PER_STACK: usize = 32;
 
-/// Runs `work` one nesting level deeper. Every [`LEVELS_PER_STACK`]th level gets a new thread.
+/// Runs `work` for the nesting level `depth`. Every [`LEVELS_PER_STACK`]th level runs on a new thread.
 pub(crate) fn with_enough_stack<R: Send>(depth: usize, work: impl FnOnce() -> R + Send) -> R {
     if !depth.is_multiple_of(LEVELS_PER_STACK) || depth == 0 {
         return work();
@@ -72,7 +72,7 @@ impl<'a> World<'a> {
         }
     }
 
-    /// Returns true if a diagnostic prevents the whole graph from running, and not only a node and its dependents.
+    /// Returns true if a diagnostic prevents the whole graph from running. Returns false if it affects only a node and its dependents.
     pub(crate) fn is_fatal(&self, diagnostic: &Diagnostic) -> bool {
         let is_of_node = match diagnostic.code {
             code::UNKNOWN_NODE => true,
@@ -82,7 +82,7 @@ impl<'a> World<'a> {
         diagnostic.severity == Severity::Error && !is_of_node
     }
 
-    /// Returns the version that the graph in a file states.
+    /// Returns the version in the graph file at this resolved path. `None` if it has no version.
     pub(crate) fn version_of(&self, real: &Path) -> Option<String> {
         Some(self.known.get(real)?.as_ref()?.version.as_ref()?.to_string())
     }
@@ -91,7 +91,7 @@ impl<'a> World<'a> {
 /// A reference from a graph to the file of another graph.
 pub(crate) struct GraphReference {
     pub(crate) path: PathBuf,
-    /// The path of that file, without symbolic links and dots.
+    /// The path of the other graph's file, without symbolic links and without `.` and `..`.
     pub(crate) canonical_path: PathBuf,
     pub(crate) source: Arc<Source>,
     pub(crate) span: Span,

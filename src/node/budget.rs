@@ -1,8 +1,8 @@
-//! Limits on the size of results and on memory. They are checked before the work begins.
+//! Limits on the size of a node's results and on its memory. They are checked before the node computes anything.
 
 use std::fmt::Display;
 
-/// The maximum number of items that a node creates.
+/// Maximum number of items that a node creates, with the texts of the error message.
 ///
 /// ```
 /// use maquette_node::Limit;
@@ -22,7 +22,7 @@ pub struct Limit {
     pub max: usize,
     /// The name of the items in the plural: `triangles`.
     pub items: &'static str,
-    /// The help text: `choose a smaller \`brightness\``.
+    /// The help text of the error, such as `choose a smaller \`brightness\``.
     pub help: &'static str,
 }
 
@@ -38,8 +38,8 @@ pub struct LimitError {
 }
 
 impl Limit {
-    /// Checks that the result described by `what`, which needs about `need` items, is within the limit. `need` is a floating-point number,
-    /// so that estimates do not overflow. NaN exceeds every limit.
+    /// Checks that a result that needs about `need` items is within the limit. `what` is the name of the result in the message. `need` is a
+    /// floating-point number, so that estimates do not overflow; NaN exceeds every limit.
     ///
     /// # Errors
     /// If `need` exceeds the limit.
@@ -47,28 +47,28 @@ impl Limit {
         if need <= self.max as f64 { Ok(()) } else { Err(self.error(what, need)) }
     }
 
-    /// Returns the error for the result `what`, which needs more items than the limit.
+    /// Returns the error that the result `what` needs `need` items, which is more than the limit.
     pub fn error(&self, what: impl Display, need: f64) -> LimitError {
         let Self { max, items, help } = *self;
         LimitError { what: what.to_string(), need, max, items, help }
     }
 }
 
-/// An upper bound of the memory that a node needs. [`Node::estimate`](crate::Node::estimate) returns it before the node runs.
+/// An upper bound of the memory that a node needs, which [`Node::estimate`](crate::Node::estimate) returns before the node runs.
 ///
-/// If a node needs more than the memory budget, the evaluator rejects it. If it needs more than is free at present, the evaluator delays it
+/// If a node needs more than the memory budget, the evaluator rejects it. If it needs more than is currently free, the evaluator delays it
 /// until other nodes have finished.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// The peak memory in bytes of results and temporary data, without the inputs. It is a floating-point number, so that it does not
-    /// overflow. NaN exceeds every budget.
+    /// Peak memory in bytes of results and temporary data, not including the inputs. A floating-point number, so that estimates do not
+    /// overflow; NaN exceeds every budget.
     pub bytes: f64,
-    /// The help text: `choose fewer \`levels\``.
+    /// The help text of the error, such as `choose fewer \`levels\``.
     pub help: &'static str,
 }
 
 impl Estimate {
-    /// Returns the memory in bytes as an integer.
+    /// Returns the memory in bytes as an integer. The maximum for NaN.
     #[doc(hidden)]
     pub fn whole_bytes(self) -> u64 {
         if self.bytes.is_nan() { u64::MAX } else { self.bytes as u64 }
@@ -80,10 +80,10 @@ impl Estimate {
 #[error("it would need {}, {} are held already and {} are allowed in all: {help}, or allow more (--max-memory)", format_bytes(*need), format_bytes(*held as f64), format_bytes(*most as f64))]
 #[doc(hidden)]
 pub struct MemoryError {
-    /// The memory in bytes that the node's [`Estimate`] states.
+    /// Memory in bytes that the node's [`Estimate`] states.
     #[doc(hidden)]
     pub need: f64,
-    /// The memory in bytes that other results and nodes hold.
+    /// Memory in bytes that other nodes and the results in memory occupy.
     #[doc(hidden)]
     pub held: u64,
     /// The memory budget for all results and nodes together, in bytes.
@@ -93,7 +93,7 @@ pub struct MemoryError {
     pub help: &'static str,
 }
 
-/// Formats a number of bytes: `4.2 GB`. Numbers below 1 kB are exact.
+/// Formats a number of bytes with a decimal unit, such as `4.2 GB`. Numbers below 1 kB are exact.
 fn format_bytes(bytes: f64) -> String {
     const UNITS: [&str; 6] = ["kB", "MB", "GB", "TB", "PB", "EB"];
     let mut unit = 1e3;
@@ -110,7 +110,7 @@ fn format_bytes(bytes: f64) -> String {
     format!("{bytes:.1e} B")
 }
 
-/// Formats a number with two significant digits and groups of three: `4 100 000`.
+/// Formats a number with two significant digits and with spaces between groups of three digits, such as `4 100 000`.
 fn format_count(number: f64) -> String {
     const MAX_GROUPED: f64 = 1e15;
     if number.is_nan() || number >= MAX_GROUPED {

@@ -2,14 +2,15 @@
 
 use serde_json::{Value as Json, json};
 
-/// The way in which the attributes of one domain (such as vertices) are transferred.
+/// How a node transfers the attributes of one domain, such as vertices, from an input to an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transfer {
-    /// An element that the node keeps has its old attribute values. A new element gets the values of the element from which it was made.
+    /// Elements (such as vertices) that the node keeps have their old attribute values. A new element gets the values of one old element,
+    /// from which it was made.
     Kept,
-    /// Each new value is interpolated between the values of the elements from which the new element was made.
+    /// Each new value is interpolated between the values of the old elements from which the new element was made.
     Interpolated,
-    /// The outputs do not have the attributes.
+    /// The output does not have the attributes of the input.
     Dropped,
 }
 
@@ -20,13 +21,13 @@ pub struct Carry {
     pub port: &'static str,
     #[doc(hidden)]
     pub output: &'static str,
-    /// The transfers for meshes and points, one per domain in the order of [`DOMAINS`]. `None` if the port takes neither meshes nor points.
+    /// The transfers for meshes and points, one per domain in the order of [`DOMAINS`]. `None` if the port takes only range images.
     #[doc(hidden)]
     pub transfers: Option<[Transfer; 4]>,
     /// The transfer for the cells of range images. `None` if the port does not take range images.
     #[doc(hidden)]
     pub cells: Option<Transfer>,
-    /// The names of the attributes that the node computes itself.
+    /// The names of attributes of the output that the node computes itself, instead of transferring them.
     #[doc(hidden)]
     pub own: &'static [&'static str],
 }
@@ -36,7 +37,7 @@ pub struct Carry {
 pub const DOMAINS: [&str; 4] = ["vertex", "corner", "edge", "face"];
 
 impl Carry {
-    /// Declares the same transfer for all domains.
+    /// Declares the same transfer for vertices, corners, edges and faces.
     pub const fn uniform(port: &'static str, output: &'static str, fate: Transfer) -> Self {
         Self::per_domain(port, output, [fate; 4])
     }
@@ -50,18 +51,18 @@ impl Carry {
         Self { port, output, transfers: Some(fates), cells: None, own: &[] }
     }
 
-    /// Declares the transfer of the cells of a range image, to cells or to the vertices that are made from them.
+    /// Declares the transfer of the cells of a range image. The output has cells, or vertices that are made from the cells.
     pub const fn cells(port: &'static str, output: &'static str, fate: Transfer) -> Self {
         Self { port, output, transfers: None, cells: Some(fate), own: &[] }
     }
 
-    /// Adds the transfer of cells, for a port that also takes range images.
+    /// Adds the transfer of cells, for a port that takes range images as well as meshes or points.
     #[must_use]
     pub const fn and_cells(self, fate: Transfer) -> Self {
         Self { cells: Some(fate), ..self }
     }
 
-    /// Excludes the attributes with the given names, because the node computes them itself.
+    /// Excludes attributes from the transfer, because the node computes them itself.
     #[must_use]
     pub const fn excluding(self, own: &'static [&'static str]) -> Self {
         Self { own, ..self }

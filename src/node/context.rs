@@ -1,4 +1,4 @@
-//! The context of a running node: its inputs, its files, the report of progress, and cancellation.
+//! The context of a running node: its inputs, its files, progress reports, and cancellation.
 
 use std::any::type_name;
 use std::collections::BTreeMap;
@@ -23,15 +23,15 @@ pub struct Progress<'a> {
 }
 
 impl Progress<'_> {
-    /// Returns a progress that reports nothing and is never cancelled. It is for algorithms that run outside of a graph.
+    /// Returns a `Progress` that reports nothing and is never cancelled, for running algorithms outside of a graph.
     pub fn silent() -> Self {
         Self::default()
     }
 
-    /// Checks for cancellation, for work whose completed fraction is not known. Call it at least every 50 ms.
+    /// Checks for cancellation. Use this instead of `tick` if the completed fraction of the work is unknown. Call it at least every 50 ms.
     ///
     /// # Errors
-    /// If the evaluation was cancelled.
+    /// The evaluation was cancelled.
     pub fn check(&self) -> Result<(), CancelledError> {
         if self.cancel.is_some_and(CancelToken::is_cancelled) {
             Err(CancelledError)
@@ -40,10 +40,10 @@ impl Progress<'_> {
         }
     }
 
-    /// Reports the completed fraction of the work (0 to 1), and checks for cancellation. Call it at least every 50 ms.
+    /// Reports the completed fraction of the work, from 0 to 1, and checks for cancellation. Call it at least every 50 ms.
     ///
     /// # Errors
-    /// If the evaluation was cancelled.
+    /// The evaluation was cancelled.
     pub fn tick(&self, fraction: f64) -> Result<(), CancelledError> {
         self.check()?;
         if let Some(report) = self.report {
@@ -52,7 +52,7 @@ impl Progress<'_> {
         Ok(())
     }
 
-    /// Runs a part of the work. The progress of that part (0 to 1) is mapped to this range of the progress of the whole work.
+    /// Runs a part of the work. The progress of the part, from 0 to 1, is mapped to `range` in the progress of the whole work.
     pub fn part<R>(&self, range: Range<f64>, work: impl FnOnce(&Progress<'_>) -> R) -> R {
         let Some(report) = self.report else { return work(self) };
         work(&Progress {
@@ -78,14 +78,14 @@ impl CancelToken {
     }
 }
 
-/// A store of memoized results, which the evaluator provides.
+/// A cache of the results of [`Context::memo`], which the evaluator provides.
 #[doc(hidden)]
 pub trait Memos: Sync {
     fn find(&self, key: Hash) -> Option<AnyValue>;
     fn keep(&self, key: Hash, value: &AnyValue);
 }
 
-/// Everything that a node can access while it is evaluated.
+/// The data and functions that a node can access while it is evaluated.
 pub struct Context<'a> {
     #[doc(hidden)]
     pub inputs: &'a [AnyValue],
@@ -102,15 +102,15 @@ pub struct Context<'a> {
 }
 
 impl Context<'_> {
-    /// Returns the value at a port.
+    /// Returns the value that is linked to a port.
     pub fn get<T: PortType>(&self, port: &In<T>) -> T::Ref<'_> {
         value_at(self.inputs, port)
     }
 
-    /// Returns the file that a field of the node names.
+    /// Returns the file whose path is in the field `path` of the node.
     ///
     /// # Errors
-    /// If the file does not exist or cannot be read.
+    /// The file does not exist or cannot be read.
     pub fn file(&self, path: &FilePath) -> Result<&File, Error> {
         match self.files.get(path.resolved_path()) {
             Some(Some(file)) => Ok(file),
@@ -121,16 +121,17 @@ impl Context<'_> {
         }
     }
 
-    /// Reads the value in a file that a field of the node names. The program's packs provide the reader for the file's extension. The
-    /// reader's warnings become warnings of the node. The field must have the attribute `#[schemars(extend("reads" = "Mesh"))]`.
+    /// Reads a value from the file whose path is in the field `path` of the node. The program's packs provide a reader for the file's
+    /// extension. Warnings of the reader become warnings of the node. The field must have the attribute `#[schemars(extend("reads" =
+    /// "Mesh"))]`.
     ///
     /// # Errors
-    /// If the file does not exist, no reader supports its extension, or the reader fails.
+    /// The file does not exist, no reader supports its extension, or the reader fails.
     pub fn read<T: Value>(&self, path: &FilePath) -> Result<T, Error> {
         self.read_with_colors(path, None)
     }
 
-    /// As [`read`](Self::read), with the range of colors for a file that does not specify it.
+    /// Like [`read`](Self::read). `range` is the maximum value of a color channel, for file formats that do not specify it.
     ///
     /// # Errors
     /// The errors of [`read`](Self::read).
@@ -142,7 +143,7 @@ impl Context<'_> {
         let file = self.file(path)?;
         let beside = |name: &str| file.companion(name);
         let reading = InputFile::new(file.name(), file.bytes(), &beside).with_color_range(range);
-        // The error about a missing reader already names the extension.
+        // The error that no reader exists already contains the extension, so do not add the file name.
         let value = self.readers.read(value_type::<T>(), &reading).map_err(|error: Error| {
             match error.downcast::<NoReader>() {
                 Some(_) => error,
@@ -158,20 +159,21 @@ impl Context<'_> {
         }
     }
 
-    /// Returns the content of an optional file, which must be one of those that [`Node::files`](crate::Node::files) lists.
+    /// Returns the content of an optional file, which must be in the list that [`Node::files`](crate::Node::files) returns. `None` if it
+    /// does not exist.
     pub fn file_if_any(&self, path: &FilePath) -> Option<&File> {
         self.files.get(path.resolved_path()).and_then(Option::as_ref)
     }
 
-    /// Returns an object for progress and cancellation, which long-running algorithms take.
+    /// Returns the object that long-running algorithms use to report progress and to check for cancellation.
     pub fn progress(&self) -> &Progress<'_> {
         &self.progress
     }
 
-    /// Reports the completed fraction of the work (0 to 1), and checks for cancellation.
+    /// Reports the completed fraction of the work, from 0 to 1, and checks for cancellation.
     ///
     /// # Errors
-    /// If the evaluation was cancelled.
+    /// The evaluation was cancelled.
     pub fn tick(&self, fraction: f64) -> Result<(), CancelledError> {
         self.progress.tick(fraction)
     }
@@ -181,9 +183,9 @@ impl Context<'_> {
         self.warnings.lock().unwrap_or_else(|broken| broken.into_inner()).push(message.into());
     }
 
-    /// Returns `make(part)`. The result is memoized and shared by all nodes that call the same function with equal arguments.
+    /// Returns `make(part)`. The result is cached, and shared by all nodes that call the same function with equal arguments.
     ///
-    /// `make` must be a named `fn`. Such a function cannot capture anything, so its result depends only on `part`.
+    /// `make` must be a named `fn`, which captures no variables, so that its result depends only on `part`.
     ///
     /// # Errors
     /// The errors of `make`.

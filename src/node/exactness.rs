@@ -1,23 +1,24 @@
-//! The exactness of a node: to which degree its results are reproducible on other machines and with other builds.
+//! The exactness of a node: how closely its results agree between machines and builds.
 
 use serde_json::{Value as Json, json};
 
-/// The degree to which a node's results are reproducible on other machines and with other builds of a program.
+/// How closely the results of a node agree between machines and builds of the program.
 ///
-/// Readers and tests may rely on the exactness. It is not a part of the cache key.
+/// Readers of results, and tests, may rely on the exactness. It is not part of the cache key.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Exactness {
-    /// The results have the same bytes.
+    /// The results have the same bytes on all machines.
     #[default]
     Exact,
-    /// The numbers are equal within this fraction of the size of the value. For positions the size is the diagonal of the bounding box; for
-    /// other numbers it is their range. This is for nodes whose rounding depends on the machine, such as nodes that use a graphics card or
-    /// a library with fused multiply-add.
+    /// The numbers are equal within this fraction of the size of the value. For positions, the size is the diagonal of the bounding box;
+    /// for other numbers, it is their range. Use this for nodes whose rounding depends on the machine, such as nodes that use a graphics
+    /// card or a library with fused multiply-add.
     Tolerant(f64),
 }
 
 impl Exactness {
-    /// Returns the exactness of a result that is computed from two others, whose exactness is `self` and `other`.
+    /// Returns the exactness of a result that is computed from two others, whose exactness is `self` and `other`: the less exact of the
+    /// two.
     #[must_use]
     pub fn combine(self, other: Self) -> Self {
         match (self, other) {
@@ -26,7 +27,7 @@ impl Exactness {
         }
     }
 
-    /// Returns true if a tolerance is between 0 and 1, both exclusive.
+    /// Returns true if the tolerance is valid: between 0 and 1, both exclusive.
     #[doc(hidden)]
     pub fn is_sound(self) -> bool {
         match self {
@@ -35,7 +36,7 @@ impl Exactness {
         }
     }
 
-    /// Describes the exactness for the manual.
+    /// Describes the exactness in words, for the manual.
     #[doc(hidden)]
     pub fn describe(self) -> String {
         match self {

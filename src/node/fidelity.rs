@@ -1,6 +1,6 @@
-//! Fidelity: which data of meshes and points a file format preserves, as its writer and its reader declare.
+//! Fidelity: the data of meshes and points that a file format preserves. Writers and readers of file formats declare it.
 
-/// A kind of data that a file of meshes or points may contain.
+/// A kind of data that a file with a mesh or points may contain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DataKind {
     /// Positions of vertices and points.
@@ -31,14 +31,14 @@ pub enum DataKind {
     Materials,
     /// The textures of materials.
     Pictures,
-    /// The unit in which the file measures lengths.
+    /// The unit of lengths in the file.
     Units,
-    /// The axis that points up.
+    /// The axis of the file's coordinate system that points up.
     UpAxis,
 }
 
 impl DataKind {
-    /// All kinds of data, in the order of the manual.
+    /// All kinds of data, in the order in which the manual lists them.
     pub const ALL: [Self; 16] = [
         Self::Positions,
         Self::Faces,
@@ -82,15 +82,15 @@ impl DataKind {
     }
 }
 
-/// The degree to which data that is written to a file, or read from one, is preserved.
+/// How well a kind of data is preserved when it is written to a file or read from one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fidelity {
-    /// The data is preserved, with the precision that the file format has.
+    /// The data is preserved, with the precision of the file format.
     Kept,
     /// The data is converted; the text describes how.
     Changed(&'static str),
 }
 
-/// The kinds of data that a writer or reader preserves or converts. Kinds that are not listed are lost. If the list is empty, nothing is
-/// declared.
+/// The kinds of data that a writer or reader preserves or converts. Kinds that are not in the list are lost. An empty list makes no
+/// statement.
 pub type Fidelities = &'static [(DataKind, Fidelity)];

@@ -1,11 +1,11 @@
-//! Errors in the fields of a node. They are detected before the node runs.
+//! Errors in the fields of a node, which are detected before the node runs.
 
 use std::fmt::Display;
 
-/// An error in the fields of a node that makes the node fail for all inputs.
+/// An error in the fields of a node because of which the node fails for all inputs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FieldError {
-    /// The field to be changed. Empty if the error does not concern a single field.
+    /// The field that must be changed. Empty if the error concerns several fields.
     pub field: &'static str,
     /// The message, without the position of the field.
     pub message: String,
@@ -14,7 +14,7 @@ pub struct FieldError {
 }
 
 impl FieldError {
-    /// Creates an error that concerns one field.
+    /// Creates an error in the field `field`.
     pub fn new(field: &'static str, message: impl Display, help: impl Into<String>) -> Self {
         Self { field, message: message.to_string(), help: help.into() }
     }

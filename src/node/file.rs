@@ -1,4 +1,4 @@
-//! Files that fields of nodes name, and the contents of these files.
+//! Files whose paths are in fields of nodes, and the contents of these files.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -14,13 +14,13 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::json;
 
-/// The path of a file that a node reads, relative to the file of the graph. An empty path means that there is no file.
+/// The path of a file that a node reads, relative to the graph file. An empty path means that there is no file.
 ///
-/// The evaluator reads the file. The content of the file is part of the node's key, but its path is not.
+/// The evaluator reads the file. The content of the file is part of the node's cache key, but its path is not.
 ///
-/// A field may restrict the extensions of its files. They are checked before the graph runs. `#[schemars(extend("endings" = ["obj",
-/// "ply"]))]` lists the extensions in lower case without the dot. `extend("reads" = "Mesh")` stands for the extensions of the program's
-/// readers for values of this type.
+/// A field can restrict the extensions of its file, which are checked before the graph runs. The attribute `#[schemars(extend("endings" =
+/// ["obj", "ply"]))]` lists the extensions in lower case, without the dot. The attribute `extend("reads" = "Mesh")` allows the extensions
+/// that the program's readers can read as values of this type.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FilePath {
     #[doc(hidden)]
@@ -29,12 +29,12 @@ pub struct FilePath {
 }
 
 impl FilePath {
-    /// Returns true if the path is empty, so the field names no file.
+    /// Returns true if the path is empty, which means that there is no file.
     pub fn is_empty(&self) -> bool {
         self.given.is_empty()
     }
 
-    /// Returns the path as it is written in the graph.
+    /// Returns the path as the graph file contains it.
     pub fn name(&self) -> &str {
         &self.given
     }
@@ -109,7 +109,7 @@ pub struct File {
     pub name: String,
     #[doc(hidden)]
     pub bytes: Arc<[u8]>,
-    /// The companions: the files that this file names, by name. Each has its content, or the reason why it cannot be read.
+    /// The companions: other files to which this file refers, by name. Each has its content, or the reason why it cannot be read.
     #[doc(hidden)]
     pub companions: Arc<Companions>,
     /// The hash of the content of the file and its companions.
@@ -117,31 +117,31 @@ pub struct File {
     pub hash: Hash,
 }
 
-/// The files that a file names, such as materials and pictures, by name. Each has its content, or the reason why it cannot be read.
+/// The files to which a file refers, such as materials and pictures, by name. Each has its content, or the reason why it cannot be read.
 #[doc(hidden)]
 pub type Companions = BTreeMap<String, Result<Arc<[u8]>, String>>;
 
 impl File {
-    /// Returns the path as it is written in the graph, for messages.
+    /// Returns the path as the graph file contains it, for messages.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Returns the content of the file without a leading UTF-8 byte order mark (EF BB BF), which some editors write.
+    /// Returns the content of the file. A UTF-8 byte order mark (EF BB BF) at its start, which some editors write, is removed.
     pub fn bytes(&self) -> &[u8] {
         strip_bom(&self.bytes)
     }
 
-    /// Returns the content of a companion file, such as the materials of an OBJ file, by its path relative to this file's folder.
+    /// Returns the content of a companion file, such as the materials of an OBJ file. `name` is its path relative to this file's folder.
     ///
     /// # Errors
-    /// If there is no such file, or it may not be read.
+    /// This file does not refer to that name, or the companion file may not be read.
     pub fn companion(&self, name: &str) -> Result<Arc<[u8]>, String> {
         let found = self.companions.get(name).cloned();
         found.unwrap_or_else(|| Err(format!("{} does not name `{name}`", self.name)))
     }
 
-    /// Calls `read` with the content. If that fails, adds the name of the file to the error.
+    /// Calls `read` with the content of the file. Adds the name of the file to an error.
     ///
     /// # Errors
     /// The errors of `read`.
@@ -152,13 +152,13 @@ impl File {
         read(self.bytes()).map_err(|error| error.into().with_file(&self.name))
     }
 
-    /// Returns the extension of the file name in lower case. Empty if the name has no extension.
+    /// Returns the extension of the file name, in lower case and without the dot. Empty if the name has no extension.
     pub fn extension(&self) -> String {
         extension(Path::new(&self.name))
     }
 }
 
-/// Error of a file that could not be read.
+/// The error for a file that could not be read.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("cannot read {name}: {reason}")]
 pub struct ReadError {

@@ -1,4 +1,4 @@
-//! Readers of files. The type of the value and the extension of the file name select the reader.
+//! Readers of files. A reader is selected by the type of the value and the extension of the file name.
 
 use std::cell::{Cell, RefCell};
 use std::cmp::Reverse;
@@ -17,27 +17,27 @@ use serde::{Deserialize, Serialize};
 
 use crate::fidelity::Fidelities;
 
-/// A reader that reads one type of values from one kind of files.
+/// A reader of files, which returns values of one type from files of one format.
 pub trait FileReader {
     /// The type of values that the reader returns.
     type Value: Value;
 
-    /// The extensions of the files that the reader reads, in lower case, without the dot.
+    /// The extensions of the files, in lower case and without the dot.
     const EXTENSIONS: &'static [&'static str];
 
-    /// The data of meshes and points that the reader preserves. `maquette help formats` prints it.
+    /// The data of meshes and points that the reader preserves, for `maquette help formats`.
     const FIDELITY: Fidelities = &[];
 
-    /// Reads the value in a file. The method must never panic. Whatever sizes the file declares, the method must not reserve more memory
-    /// than a small multiple of the file's actual size.
+    /// Reads the value in a file. Must never panic. Memory use must be at most a small multiple of the file's actual size, whatever sizes
+    /// the file declares.
     ///
     /// # Errors
-    /// If the file is invalid. The message must contain the position in the file.
+    /// The file is invalid. The message must contain the position in the file.
     fn read(file: &InputFile<'_>) -> Result<Self::Value, Error>;
 
-    /// A function that requests ([`InputFile::companion`]) every companion file that [`read`](Self::read) may request. `None` if such files
-    /// never name others. Companions are files that the file names, such as the materials of an OBJ file, and count as a part of it:
-    /// results are computed again when they change, and a watch monitors them. The function must never panic.
+    /// A function that requests every companion file that [`read`](Self::read) may request, by [`InputFile::companion`]. `None` if files of
+    /// this format have no companions. Companions are other files to which a file refers, such as the materials of an OBJ file. They count
+    /// as a part of the file: results are computed again when a companion changes, and a watch monitors it. The function must never panic.
     const COMPANIONS: Option<fn(&InputFile<'_>)> = None;
 }
 
@@ -52,10 +52,10 @@ pub enum ColorRange {
     To65535,
 }
 
-/// Returns the content of a companion file, or the reason why it cannot be read.
+/// Returns the content of a companion file by its name, or the reason why it cannot be read.
 pub type CompanionLookup<'a> = dyn Fn(&str) -> Result<Arc<[u8]>, String> + 'a;
 
-/// A file that is passed to a reader, with access to its companion files.
+/// A file that is passed to a reader. Gives access to the companions of the file.
 pub struct InputFile<'a> {
     name: &'a str,
     bytes: &'a [u8],
@@ -65,65 +65,65 @@ pub struct InputFile<'a> {
 }
 
 impl<'a> InputFile<'a> {
-    /// Creates a file with this name and content. `beside` returns the content of its companion files.
+    /// Creates a file with this name and content. `beside` returns the contents of its companions.
     pub fn new(name: &'a str, bytes: &'a [u8], beside: &'a CompanionLookup<'a>) -> Self {
         let (bytes, color_range) = (strip_bom(bytes), None);
         Self { name, bytes, beside, color_range, doubts: RefCell::default() }
     }
 
-    /// Sets the range of colors that the user has specified.
+    /// Sets the maximum value of a color channel that the user has specified.
     #[must_use]
     pub fn with_color_range(mut self, range: Option<ColorRange>) -> Self {
         self.color_range = range;
         self
     }
 
-    /// Returns the range of colors that the user has specified. If it is `None`, a reader of a format without a fixed range derives the
-    /// range from all colors of the file.
+    /// Returns the maximum value of a color channel that the user has specified. If it is `None` and the file format does not specify it
+    /// either, the reader must derive it from all colors of the file.
     pub fn color_range(&self) -> Option<ColorRange> {
         self.color_range
     }
 
-    /// Creates a file that has no companions.
+    /// Creates a file without companions.
     pub fn standalone(name: &'a str, bytes: &'a [u8]) -> Self {
         Self::new(name, bytes, &|name| Err(format!("there is no file {name}")))
     }
 
-    /// Returns the content without a leading UTF-8 byte order mark (EF BB BF), which some editors write.
+    /// Returns the content of the file. A UTF-8 byte order mark (EF BB BF) at its start, which some editors write, is removed.
     pub fn bytes(&self) -> &'a [u8] {
         self.bytes
     }
 
-    /// Returns the extension of the file name in lower case. Empty if the name has no extension.
+    /// Returns the extension of the file name, in lower case and without the dot. Empty if the name has no extension.
     pub fn extension(&self) -> String {
         extension(self.name.as_ref())
     }
 
-    /// Returns the content of a companion file in the same folder, without a leading byte order mark.
+    /// Returns the content of a companion file in the same folder. A byte order mark at its start is removed.
     ///
     /// # Errors
-    /// If there is no such file, or it may not be read.
+    /// The companion file does not exist, or it may not be read.
     pub fn companion(&self, name: &str) -> Result<Arc<[u8]>, String> {
         let bytes = (self.beside)(name)?;
         let text = strip_bom(&bytes);
         Ok(if text.len() < bytes.len() { text.into() } else { bytes })
     }
 
-    /// Adds a warning that concerns the file.
+    /// Adds a warning about the file.
     pub fn warn(&self, message: impl Into<String>) {
         self.doubts.borrow_mut().push(message.into());
     }
 
-    /// Returns all warnings that were added so far.
+    /// Returns all warnings about the file so far.
     pub fn warnings(&self) -> Vec<String> {
         self.doubts.borrow().clone()
     }
 }
 
-/// The description of a reader, without its Rust type. [`reader()`] creates it.
+/// The description of a reader, independent of its Rust type. [`reader()`] creates it.
 #[derive(Clone, Copy)]
 pub struct AnyReader {
-    /// The extensions of the files that the reader reads.
+    /// The extensions of the files, in lower case and without the dot.
     pub extensions: &'static [&'static str],
     kind: fn() -> &'static ValueType,
     read: fn(&InputFile<'_>) -> Result<AnyValue, Error>,
@@ -144,20 +144,20 @@ pub const fn reader<R: FileReader>() -> AnyReader {
     }
 }
 
-/// Error of reading a file for which no reader exists: none reads files of this extension as values of the wanted type.
+/// The error for a file that no reader can read: none returns values of the required type from files with this extension.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no {what} can be read from {}; supported extensions: {}", if extension.is_empty() { "a file without an extension".into() } else { format!("`.{extension}`") }, known.join(", "))]
 pub struct NoReader {
-    /// The type of values, or the word `value` if any type is accepted.
+    /// The required type of values, or the word `value` if any type is accepted.
     pub what: &'static str,
     /// The extension of the file that cannot be read.
     pub extension: String,
-    /// The extensions that can be read as that type of values.
+    /// The extensions of files from which values of the required type can be read.
     pub known: Vec<&'static str>,
 }
 
-/// Error of a file that no reader for its extension can read. It lists groups of types of values, each with the error that their readers
-/// share.
+/// The error for a file for which all readers of its extension have failed. Each item is an error and the types of values whose readers
+/// returned it.
 #[derive(Debug, thiserror::Error)]
 #[error("{}", self.describe())]
 struct ReadFailures(Vec<(Vec<&'static str>, Error)>);
@@ -187,12 +187,12 @@ impl ReadFailures {
     }
 }
 
-/// Error of a text in UTF-16, which no reader supports.
+/// The error for a text in UTF-16. All readers require UTF-8.
 #[derive(Debug, thiserror::Error)]
 #[error("it is text in UTF-16: save it as UTF-8")]
 struct Utf16;
 
-/// The readers of some packs.
+/// The readers of all packs of a program.
 #[derive(Clone, Default)]
 #[doc(hidden)]
 pub struct Readers(Vec<AnyReader>);
@@ -209,8 +209,8 @@ impl Readers {
         Self(readers.into_iter().collect())
     }
 
-    /// Returns the extensions of the files from which values of this type can be read, in the order of the packs. For `None`, values of any
-    /// type.
+    /// Returns the extensions of the files from which values of type `kind` can be read, in the order of the packs. `None` for values of
+    /// any type.
     #[doc(hidden)]
     pub fn extensions(&self, kind: Option<&str>) -> Vec<&'static str> {
         let mut endings: Vec<&str> = Vec::new();
@@ -227,7 +227,7 @@ impl Readers {
         endings
     }
 
-    /// Reads a value of this type from a file.
+    /// Reads a value of the type `kind` from a file.
     #[doc(hidden)]
     pub fn read(&self, kind: &ValueType, file: &InputFile<'_>) -> Result<AnyValue, Error> {
         let extension = file.extension();
@@ -240,17 +240,17 @@ impl Readers {
         Err(NoReader { what: kind.name, extension, known }.into())
     }
 
-    /// Reads a value of any type. Of the readers for the file's extension, the first one that succeeds determines the type.
+    /// Reads a value of any type. Its type is that of the first reader for the file's extension that succeeds.
     ///
     /// # Errors
-    /// The errors of all readers, if none of them succeeds.
+    /// The errors of all readers, if no reader succeeds.
     #[doc(hidden)]
     pub fn read_any(&self, file: &InputFile<'_>) -> Result<AnyValue, Error> {
         let ending = file.extension();
         let (mut bare, mut refused) = (None, Vec::new());
         for reader in self.0.iter().filter(|reader| reader.extensions.contains(&&ending[..])) {
             match reader.call(file) {
-                // A mesh without faces may be a point cloud or a line, so other readers are tried first.
+                // A mesh without faces may be a point cloud or a line. Try the other readers before accepting it.
                 Ok(value) if value.get::<Mesh>().is_some_and(|mesh| mesh.faces().is_empty()) => {
                     bare = bare.or(Some(value));
                 }
@@ -277,7 +277,7 @@ impl Readers {
         self.0.iter().any(|reader| names(reader) && reader.extensions.contains(&ending))
     }
 
-    /// Requests all companion files that a file has for any type of values.
+    /// Calls the `COMPANIONS` functions of all readers for the file's extension.
     #[doc(hidden)]
     pub fn ask_companions(&self, file: &InputFile<'_>) {
         let ending = file.extension();
@@ -287,11 +287,11 @@ impl Readers {
             .for_each(|reader| reader.ask_companions(file));
     }
 
-    /// Reads a value of this type, or of any type, from the file at a path. Returns the value with the warnings of the reader. Companion
-    /// files are read if they are in the same project.
+    /// Reads a value from the file at a path, of the given type or of any type. Returns the value and the warnings of the reader. Companion
+    /// files are read only if they are in the same project.
     ///
     /// # Errors
-    /// If the file cannot be read. The message contains the path.
+    /// The file cannot be read. The message contains the path.
     #[doc(hidden)]
     pub fn open(
         &self,
@@ -301,10 +301,10 @@ impl Readers {
         self.open_with_companions(path, kind, &|_| {})
     }
 
-    /// As [`open`](Self::open). Before a companion file is read, `on_companion` is called with the path of that file.
+    /// Like [`open`](Self::open), but calls `on_companion` with the path of each companion file before the file is read.
     ///
     /// # Errors
-    /// See [`open`](Self::open).
+    /// The same errors as in [`open`](Self::open).
     #[doc(hidden)]
     pub fn open_with_companions(
         &self,
@@ -356,7 +356,7 @@ impl AnyReader {
         (self.read)(file).map_err(|error| if is_utf16 { Utf16.into() } else { error })
     }
 
-    /// Requests the companion files of a file.
+    /// Calls the `COMPANIONS` function of the reader for a file.
     #[doc(hidden)]
     pub fn ask_companions(&self, file: &InputFile<'_>) {
         if let Some(ask) = self.companions {
@@ -365,17 +365,17 @@ impl AnyReader {
     }
 }
 
-/// The companion files of one file. Each is read only once, even if it is named several times or by different paths.
+/// The companion files of one file. Each companion is read only once, even if the file refers to it several times or by different paths.
 #[doc(hidden)]
 pub struct CompanionFiles<'a> {
     /// The folders that must contain the companion files.
     roots: &'a [PathBuf],
-    /// The contents of the companion files, by their real paths.
+    /// The contents of the companion files, by their paths without symbolic links.
     contents: RefCell<HashMap<PathBuf, Arc<[u8]>>>,
     bytes: Cell<u64>,
 }
 
-/// The maximum total size in bytes of the companions of one file. It equals the maximum size of a GLB file.
+/// Maximum total size in bytes of the companions of one file, which is the maximum size of a GLB file.
 const MAX_BYTES: u64 = 4 << 30;
 
 impl<'a> CompanionFiles<'a> {
@@ -384,7 +384,7 @@ impl<'a> CompanionFiles<'a> {
         Self { roots, contents: RefCell::default(), bytes: Cell::new(0) }
     }
 
-    /// Returns the content of the file `name`, which is at `path`, if it may be read.
+    /// Returns the content of the companion file `name`, whose path is `path`. An error if the file may not be read.
     #[doc(hidden)]
     pub fn read(&self, name: &str, path: &Path) -> Result<Arc<[u8]>, String> {
         may_read(name, path, self.roots).map_err(|problem| match problem {

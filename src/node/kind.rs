@@ -1,4 +1,4 @@
-//! Descriptions of node types without their Rust types, and nodes whose Rust type is not known.
+//! Descriptions of node types that are independent of their Rust types, and nodes whose Rust type is not known.
 
 use std::borrow::Cow;
 
@@ -12,7 +12,7 @@ use super::{
 };
 use crate::budget::Estimate;
 
-/// The description of a node type. [`node`] creates it.
+/// The description of a node type, independent of its Rust type. [`node`] creates it.
 #[derive(Clone, Copy)]
 pub struct NodeType {
     #[doc(hidden)]
@@ -36,9 +36,9 @@ pub struct NodeType {
 pub struct Output {
     /// The name of the output.
     pub name: &'static str,
-    /// The name of the output's type, which is a value type or a union.
+    /// The name of the output's type: that of a value type or of a union.
     pub kind: &'static str,
-    /// The types of values that the output may have.
+    /// The types that the values of the output can have.
     pub types: Vec<&'static ValueType>,
 }
 
@@ -64,7 +64,7 @@ pub const fn node<T: Node>() -> NodeType {
     }
 }
 
-/// A node of any type, as graphs contain it.
+/// A node of any Rust type. The engine uses nodes through this trait.
 #[doc(hidden)]
 pub trait AnyNode: Send + Sync {
     fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
@@ -77,22 +77,22 @@ pub trait AnyNode: Send + Sync {
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error>;
     fn files(&self) -> Vec<FilePath>;
 
-    /// Checks conditions on parameters and links before the graph runs: see [`Node::check`].
+    /// Checks conditions on parameters and links before the node runs: see [`Node::check`].
     fn check(&self) -> Result<(), FieldError> {
         Ok(())
     }
 
-    /// Returns the reason why the node can never run. `None` if it can.
+    /// Returns the reason why the node can never run, such as an unknown type. `None` if it can run.
     fn missing_reason(&self) -> Option<String> {
         None
     }
 
-    /// Returns the required properties, each as a port and the name of a property.
+    /// Returns the required properties of inputs, as pairs of a port and a property.
     fn wants(&self) -> Vec<(&'static str, &'static str)> {
         Vec::new()
     }
 
-    /// Returns the guaranteed properties, each as an output, the name of a property, and the source of the guarantee.
+    /// Returns the guaranteed properties of outputs. Each item is an output, a property, and the condition of the guarantee.
     fn promises(&self) -> Vec<(&'static str, &'static str, Source)> {
         Vec::new()
     }

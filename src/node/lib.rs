@@ -4,7 +4,7 @@
 //! [`Pack`] lists nodes, types of values, [`FileFormat`]s, [`FileReader`]s and migrations. A program consists of packs. [`Limit`] bounds
 //! the size of a node's result. [`Signature`] is the provenance that a written file contains.
 //!
-//! Begin reading in `node.rs`, then `pack.rs`. A pack depends only on this crate and on `maquette-value`.
+//! Start reading in `node.rs`, then `pack.rs`. A pack depends only on this crate and on `maquette-value`.
 //!
 //! This crate does not depend on graphs, on the evaluator, or on a particular file format.
 
@@ -37,7 +37,7 @@ pub use importers::{
 };
 pub use kind::{AnyNode, NodeType, Output, node};
 pub use maquette_syntax::Reader;
-// Items of other crates that the code of packs needs.
+// Items of other crates that the code of a pack needs.
 pub use maquette_syntax::bail;
 pub use maquette_syntax::error::{CancelledError, Error};
 pub use maquette_value::{AnyValue, ValueType, value_type};

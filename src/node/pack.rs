@@ -14,8 +14,8 @@ mod content;
 pub use content::Content;
 pub use content::{CachedData, Pieces};
 
-/// A named list of nodes, with the types of values and the file formats that the nodes need. [`Pack::EMPTY`] provides the fields that a
-/// pack leaves empty:
+/// A named list of nodes, with the types of values and the file formats that the nodes need. A pack takes unused fields from
+/// [`Pack::EMPTY`]:
 ///
 /// ```
 /// use maquette_node::Pack;
@@ -26,10 +26,10 @@ pub use content::{CachedData, Pieces};
 pub struct Pack {
     /// The name of the pack in lists, in lower case.
     pub name: &'static str,
-    /// The version of the pack. It is part of the provenance in output files. Empty if the pack has no version.
+    /// The version of the pack, which is written to output files as part of their provenance. Empty if the pack has no version.
     pub version: &'static str,
-    /// The build id of the pack's code, as [`this_build!`](crate::this_build) returns it. Empty if it is not known. Programs with the same
-    /// builds of their packs share cached results on disk. A pack without an id is identified by the files that contain its code.
+    /// Returns the id of the build of the pack's code; see [`this_build!`](crate::this_build). Empty if it is unknown. Programs whose packs
+    /// have equal ids share cached results on disk. A pack without an id is identified by the program files that contain its code.
     pub build: fn() -> &'static str,
     /// The nodes, in the order in which a typical graph uses them.
     pub nodes: &'static [NodeType],
@@ -39,9 +39,9 @@ pub struct Pack {
     pub formats: &'static [Format],
     /// The readers of files from which values can be read.
     pub readers: &'static [AnyReader],
-    /// The renamed nodes and fields. Graphs may still contain their old names.
+    /// Renamed nodes and fields. Graph files may still contain the old names.
     pub migrations: &'static [Migration],
-    /// Templates for new projects. Templates that need more files come first.
+    /// Templates for new projects, sorted by the number of input files that they need, largest first.
     pub recipes: &'static [Recipe],
 }
 
@@ -60,12 +60,12 @@ impl Pack {
     };
 }
 
-/// Returns the function that gives the build id of the calling crate, for [`Pack::build`]. The crate must be built with the engine's
+/// Returns a function for [`Pack::build`] that returns the build id of the calling crate. That crate must be built with the engine's
 /// `build.rs`.
 #[macro_export]
 macro_rules! this_build {
     () => {{
-        // The id is in a module of its own, so that a new id does not cause the list of nodes to be compiled again.
+        // In a module of its own, because a new id should not cause the list of nodes to be compiled again.
         mod build_id {
             pub(super) fn build_id() -> &'static str {
                 env!("MAQUETTE_BUILD", "the build script of this package must be the engine's")
@@ -75,7 +75,7 @@ macro_rules! this_build {
     }};
 }
 
-/// A template for new projects. `maquette new` replaces the input files in it by those of the project.
+/// A template for new projects: a graph file. `maquette new` replaces the input files in it by those of the user.
 #[derive(Clone, Copy, Debug)]
 pub struct Recipe {
     /// The name of the template, in lower-case letters and hyphens.
@@ -84,19 +84,19 @@ pub struct Recipe {
     pub text: &'static str,
 }
 
-/// The declaration that a node or field of a pack was renamed.
+/// A declaration that a pack has renamed a node type or field.
 ///
 /// A graph with the old name keeps its meaning, and a warning is reported. `maquette edit GRAPH migrate --write` writes the new name to the
-/// file. Several migrations may follow each other. The migration of a field may refer to the node by any name that the node has had.
+/// file. A name can be changed several times. The migration of a field can refer to the node type by its current name or any old name.
 ///
 /// ```
 /// use maquette_node::{Migration, NewValue};
 ///
 /// const MIGRATIONS: &[Migration] = &[
-///     // 0.2: Smoothen was a bad name, and its width is in millimeters now, not in centimeters.
+///     // 0.2: `Smoothen` became `Smooth`; `size`, in centimeters, became `width`, in millimeters.
 ///     Migration::Node { old: "Smoothen", new: "Smooth" },
 ///     Migration::Field { node: "Smooth", old: "size", new: "width", value: NewValue::Times(10.0) },
-///     // 0.3: how it ends is said in one place.
+///     // 0.3: `rounds` was moved into the group `until`.
 ///     Migration::Field { node: "Smooth", old: "rounds", new: "until.rounds", value: NewValue::Same },
 ///     Migration::Field { node: "Smooth", old: "kind", new: "kind", value: NewValue::Words(&[("Flat", "Linear")]) },
 /// ];
@@ -105,21 +105,21 @@ pub struct Recipe {
 pub enum Migration {
     /// A node type was renamed.
     Node {
-        /// The old name of the node type. No present node may have it.
+        /// The old name of the node type. No current node type may have this name.
         old: &'static str,
         /// The new name of the node type.
         new: &'static str,
     },
-    /// A field was renamed or moved. Its value may be written differently, too.
+    /// A field was renamed or moved. The form of its value may have changed too.
     Field {
-        /// The name of the node type, which may be any name that the type has had.
+        /// The current name or any old name of the node type.
         node: &'static str,
-        /// The old name of the field. The node must not have a field of this name now, unless the migration only changes words in the
-        /// field's value.
+        /// The old name of the field. The current node type must not have a field of this name, unless the migration only renames words in
+        /// the value.
         old: &'static str,
-        /// The new name of the field. It is `group.name` if the field was moved into a group of fields.
+        /// The new name of the field: `name`, or `group.name` if the field was moved into a group of fields.
         new: &'static str,
-        /// The change of the value that comes with the new name.
+        /// The change of the field's value.
         value: NewValue,
     },
 }
@@ -127,37 +127,37 @@ pub enum Migration {
 /// The change of the value of a renamed field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NewValue {
-    /// The value stays as it is written.
+    /// The value does not change.
     Same,
-    /// The number has another unit now, so it is multiplied by this factor. All numbers of a list or tuple are multiplied, and also
-    /// parameters and expressions.
+    /// The unit of the field has changed, so all numbers in the value are multiplied by this factor. Parameters and expressions are
+    /// multiplied too.
     Times(f64),
     /// Enum variants were renamed: pairs of the old and the new name.
     Words(&'static [(&'static str, &'static str)]),
 }
 
-/// A file format: writes values of one type to one kind of files.
+/// A file format, which writes values of one type to files.
 pub trait FileFormat {
     /// The type of values that the format stores.
     type Value: Value;
 
-    /// The extension of the files, in lower case, without the dot.
+    /// The extension of the files, in lower case and without the dot.
     const EXTENSION: &'static str;
 
-    /// The data of meshes and points that the files preserve. `maquette help formats` prints it.
+    /// The data of meshes and points that the files preserve, for `maquette help formats`.
     const FIDELITY: Fidelities = &[];
 
-    /// Returns the content of the file `name`, and of other files that belong to it. All of them are in one folder.
+    /// Returns the file `name` with its content, and the other files that belong to it. All these files are in one folder.
     ///
     /// # Errors
-    /// If the value cannot be written in this format.
+    /// The value cannot be written in this format.
     fn write(value: &Self::Value, name: &str) -> Result<Vec<NewFile>, Error>;
 
-    /// As [`write`](Self::write), with provenance in the files. By default, the provenance is added to files of well-known formats (GLB,
-    /// PLY, OBJ, MTL, PCD, PNG, TIFF, STEP, 3MF and JSON objects; STL gets only a hash), and is omitted for other formats.
+    /// Like [`write`](Self::write), but adds provenance to the files. By default this is done for well-known formats (GLB, PLY, OBJ, MTL,
+    /// PCD, PNG, TIFF, STEP, 3MF and JSON objects; STL gets only a hash). Files of other formats are not changed.
     ///
     /// # Errors
-    /// The errors of [`write`](Self::write).
+    /// The same errors as in [`write`](Self::write).
     fn write_signed(
         value: &Self::Value,
         name: &str,
@@ -170,11 +170,12 @@ pub trait FileFormat {
         Ok(files)
     }
 
-    /// Returns the content in pieces that are computed while they are written, so that a large file is never completely in memory. Only
-    /// formats with a single file per value can support that. By default, the result of [`write_signed`](Self::write_signed) is used.
+    /// Returns the content of the file in pieces that are computed while the file is written. A large file is then never completely in
+    /// memory. Only formats with a single file per value can support this. `None`, the default, uses [`write_signed`](Self::write_signed)
+    /// instead.
     ///
     /// # Errors
-    /// The errors of [`write`](Self::write).
+    /// The same errors as in [`write`](Self::write).
     fn content<'a>(
         _value: &'a Self::Value,
         _signature: Option<&Signature>,
@@ -182,13 +183,13 @@ pub trait FileFormat {
         Ok(None)
     }
 
-    /// Returns warnings about data that the files cannot represent, or that other programs may read incorrectly. By default there are none.
+    /// Returns warnings about data that the files cannot represent, or that other programs may misread. Empty by default.
     fn warnings(_value: &Self::Value) -> Vec<String> {
         Vec::new()
     }
 }
 
-/// A file to be written.
+/// A file that is to be written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NewFile {
     /// The name of the file, without folders.
@@ -198,20 +199,20 @@ pub struct NewFile {
 }
 
 impl NewFile {
-    /// Creates the list for an output that consists of one file.
+    /// Creates the list of files for an output that consists of one file.
     pub fn single(name: &str, bytes: Vec<u8>) -> Vec<Self> {
         vec![Self { name: name.to_owned(), bytes }]
     }
 }
 
-/// A function that writes a value to files, with provenance if a signature is given.
+/// Writes a value to files. If a signature is given, the files contain it as provenance.
 type WriteFunction = fn(&AnyValue, &str, Option<&Signature>) -> Result<Vec<NewFile>, Error>;
 
-/// Returns the content of a value in pieces. `None` if the format does not support pieces.
+/// Returns the content of a value's file in pieces. `None` if the format does not support pieces.
 type WriteContentFunction =
     for<'a> fn(&'a AnyValue, Option<&Signature>) -> Result<Option<Content<'a>>, Error>;
 
-/// The description of a file format, without its Rust type. [`format()`] creates it.
+/// The description of a file format, independent of its Rust type. [`format()`] creates it.
 #[derive(Clone, Copy)]
 pub struct Format {
     /// The extension of the files.
@@ -239,14 +240,14 @@ impl Format {
         (self.write)(value, name, None)
     }
 
-    /// Returns the content in pieces, without provenance. `None` if the format does not support pieces.
+    /// Returns the content of the file in pieces, without provenance. `None` if the format does not support pieces.
     #[doc(hidden)]
     pub fn content<'a>(&self, value: &'a AnyValue) -> Result<Option<Content<'a>>, Error> {
         (self.content)(value, None)
     }
 
-    /// Returns the names and contents of the files. If a signature is given, the files contain provenance. If the format supports pieces,
-    /// the contents of large files are pieces.
+    /// Returns the names and contents of the files. If a signature is given, the files contain it as provenance. If the format supports
+    /// pieces, the content of a large file is in pieces.
     #[doc(hidden)]
     pub fn contents<'a>(
         &self,

@@ -1,7 +1,7 @@
 //! The ports and outputs of a node.
 //!
-//! The `In<T>` of a port contains the index of the port's link. In the serialized parameters it is `{"$link": n}`, which is replaced by the
-//! hash of the linked value to compute the node's key. A link may be anywhere in the fields of a node.
+//! The `In<T>` of a port contains the index of the port's link. It is serialized as `{"$link": n}`. In the cache key of the node, the hash
+//! of the linked value takes the place of this index. A link can be anywhere in the fields of a node.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -13,21 +13,21 @@ use maquette_value::{AnyValue, Value, ValueType, value_type};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-/// The type of a port or an output: a [`Value`], or a [`union`](crate::union!) of values.
+/// The type of a port or an output: a [`Value`] type, or a [`union`](crate::union!) of several value types.
 pub trait PortType: Sized + 'static {
     /// The name of the value type or of the union.
     const NAME: &'static str;
 
-    /// The type that [`Context::get`](crate::Context::get) returns. It is `&T` for a value type `T`, and the union itself for a union.
+    /// The type that [`Context::get`](crate::Context::get) returns: `&T` for a value type `T`, and the union itself for a union.
     type Ref<'a>;
 
-    /// Returns the types of values that the type accepts.
+    /// Returns the value types that this type accepts.
     fn types() -> Vec<&'static ValueType>;
 
-    /// Converts a value to this type, if the type accepts it.
+    /// Converts a value to this type. `None` if the type does not accept it.
     fn get(value: &AnyValue) -> Option<Self::Ref<'_>>;
 
-    /// Converts an output of this type to a value on a link.
+    /// Converts an output of this type to a value that links can pass on.
     fn into_any(self) -> AnyValue;
 }
 
@@ -49,10 +49,10 @@ impl<T: Value> PortType for T {
     }
 }
 
-/// Declares a union of values, for a port that takes one of several types:
+/// Declares a union of value types, for a port that takes values of several types:
 /// `union! { /// Doc. pub enum Solid { Mesh(Mesh), Surface(Surface) } }`.
 ///
-/// If an output has the same union as an input, the type of the output is that of the input's value.
+/// If a node has an output and an input of the same union, the type of the output is that of the input's value.
 #[macro_export]
 macro_rules! union {
     ($(#[$doc:meta])* $vis:vis enum $name:ident { $($variant:ident($value:ty)),+ $(,)? }) => {
@@ -87,15 +87,15 @@ macro_rules! union {
     };
 }
 
-/// The outputs of a node: a tuple of one to four values.
+/// The outputs of a node, as a tuple of one to four values.
 pub trait Outputs: Sized + 'static {
-    /// The type of the names of the outputs, one per output: `[&'static str; N]`.
+    /// The type of the array of output names: `[&'static str; N]` for `N` outputs.
     type Names: AsRef<[&'static str]>;
 
-    /// For each output, returns the name of its value type or union, and the types of values that it may have.
+    /// For each output, returns the name of its value type or union, and the types that its values can have.
     fn types() -> Vec<(&'static str, Vec<&'static ValueType>)>;
 
-    /// Converts the outputs to values on links, in order.
+    /// Converts the outputs, in order, to values that links can pass on.
     fn into_any(self) -> Vec<AnyValue>;
 }
 
@@ -120,7 +120,7 @@ outputs!(2: A 0, B 1);
 outputs!(3: A 0, B 1, C 2);
 outputs!(4: A 0, B 1, C 2, D 3);
 
-/// A port, which takes a link to a value of type `T`.
+/// A port of a node. It takes a link to a value of type `T`.
 pub struct In<T> {
     pub(super) slot: usize,
     marker: PhantomData<fn() -> T>,

@@ -1,11 +1,11 @@
-//! The inputs and outputs of the last run of a node.
+//! The inputs and outputs of the previous run of a node, for incremental updates.
 
 use maquette_value::{AnyValue, Value};
 
 use super::port::value_at;
 use super::{Context, In, PortType};
 
-/// The inputs and outputs of the last run of a node with the same parameters and files.
+/// The inputs and outputs of the previous run of a node, which had the same parameters and files.
 pub struct Previous<'a> {
     #[doc(hidden)]
     pub inputs: &'a [AnyValue],
@@ -14,17 +14,17 @@ pub struct Previous<'a> {
 }
 
 impl Previous<'_> {
-    /// Returns the previous value at a port.
+    /// Returns the value that a port had in the previous run.
     pub fn get<T: PortType>(&self, port: &In<T>) -> T::Ref<'_> {
         value_at(self.inputs, port)
     }
 
-    /// Returns true if the value at a port has not changed.
+    /// Returns true if the value at a port is the same as in the previous run.
     pub fn is_same<T: PortType>(&self, cx: &Context<'_>, port: &In<T>) -> bool {
         cx.inputs[port.slot].hash() == self.inputs[port.slot].hash()
     }
 
-    /// Returns the previous value of the output with this index, from 0. `None` if there is no such output, or if its value is not a `T`.
+    /// Returns the output with this index, from 0, of the previous run. `None` if there is no such output or if its type is not `T`.
     pub fn output<T: Value>(&self, index: usize) -> Option<&T> {
         self.outputs.get(index)?.get()
     }

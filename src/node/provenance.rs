@@ -1,8 +1,8 @@
-//! Provenance: a description, stored in an output file, of the graph that made the file, so that the file can be made again.
+//! Provenance: a description of the graph that made an output file. It is stored in the file, so that the file can be made again.
 //!
-//! The provenance depends only on the meaning of the graph: on the nodes on which the output depends, the values of their parameters, and
-//! the hashes of files. Comments, the order of nodes and unrelated nodes do not change it. It contains no path outside of the project, no
-//! user name and no time.
+//! The provenance depends only on the meaning of the graph: on the nodes needed for the output, the values of their parameters, and the
+//! hashes of files. Comments, the order of nodes and unrelated nodes do not affect it. For privacy, it contains no path outside of the
+//! project, no user name and no time.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ pub use files::{
     EmbeddedProvenance, comment_of_obj, comment_of_ply, extras_of_glb, find, pad, sign,
 };
 
-/// The provenance in the form in which it is written to the files of an output.
+/// The provenance of an output, in the form in which it is written to files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Signature {
     /// The provenance as one line of ASCII JSON that does not contain `*/`.
@@ -24,37 +24,37 @@ pub struct Signature {
     pub hash: String,
 }
 
-/// A map that is sorted by name, so that the order in the graph does not matter.
+/// A map sorted by name, so that the order of entries in the graph does not affect the provenance.
 type SortedMap = BTreeMap<String, Json>;
 
-/// The number of hexadecimal digits of each hash. It is enough to distinguish hashes, but does not resist deliberate collisions.
+/// Number of hexadecimal digits to which each hash is shortened. They distinguish hashes, but do not resist deliberate collisions.
 const DIGITS: usize = 16;
 
-/// The provenance of an output. A field that does not apply to the output is omitted.
+/// The provenance of an output. Empty fields are omitted from files.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 #[doc(hidden)]
 pub struct Provenance {
-    /// The version of the engine.
+    /// The version of `maquette`.
     pub maquette: String,
     /// The path of the graph file, relative to its project.
     #[doc(hidden)]
     pub graph: String,
-    /// The name of the output.
+    /// The name of the output in the graph.
     #[doc(hidden)]
     pub output: String,
-    /// True if the output is a draft.
+    /// True if the output was made with the values for drafts.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     #[doc(hidden)]
     pub draft: bool,
-    /// The hash of the nodes on which the output depends: their types, parameters and links.
+    /// A hash of the types, parameters and links of all nodes needed for the output.
     #[doc(hidden)]
     pub made: String,
-    /// The values of those parameters of the graph on which the output may depend.
+    /// The values of the graph's parameters that may affect the output.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[doc(hidden)]
     pub parameters: SortedMap,
-    /// The values that `--set` gave to fields of nodes.
+    /// The values of fields of nodes that were set by the option `--set`.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[doc(hidden)]
     pub set: SortedMap,
@@ -62,22 +62,22 @@ pub struct Provenance {
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[doc(hidden)]
     pub inputs: SortedMap,
-    /// The hashes of the files that were read, by their paths in the project.
+    /// The hashes of the files that the nodes read, by their paths in the project.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[doc(hidden)]
     pub files: SortedMap,
-    /// The hashes of the pinned results, by the names of the nodes.
+    /// The hashes of the pinned results that were used, by the names of the nodes.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[doc(hidden)]
     pub pins: SortedMap,
-    /// The packs of the nodes, with their versions.
+    /// The packs that define the nodes, with their versions.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[doc(hidden)]
     pub packs: SortedMap,
 }
 
 impl Provenance {
-    /// Returns the provenance as one line of ASCII JSON. The line contains nothing that ends a comment in any of the formats.
+    /// Returns the provenance as one line of ASCII JSON. It contains no characters that end a comment in any file format.
     #[doc(hidden)]
     pub fn words(&self) -> String {
         let json = serde_json::to_string(self).unwrap_or_default();
@@ -99,7 +99,7 @@ impl Provenance {
         serde_json::from_str(words).ok().filter(|provenance: &Self| !provenance.maquette.is_empty())
     }
 
-    /// Lists the differences from the current provenance, as messages.
+    /// Returns the differences between this provenance, from a file, and the current one, as messages.
     #[doc(hidden)]
     pub fn changes(&self, now: &Self) -> Vec<String> {
         let mut changes = Vec::new();
@@ -124,7 +124,7 @@ impl Provenance {
             changes.extend(new.map(|name| format!("{what} `{name}` was not there")));
         }
         if self.made != now.made {
-            // The number of nodes may depend on the number of elements of the data.
+            // The data determine the number of elements of a `ForEach`, so different data can change the nodes of an unchanged graph.
             let is_of_same = (&self.files, &self.inputs) == (&now.files, &now.inputs);
             changes.push(match is_of_same {
                 true => "the graph changed".into(),
@@ -135,7 +135,7 @@ impl Provenance {
     }
 }
 
-/// Returns the first hexadecimal digits of a hash.
+/// Shortens a hash to its first hexadecimal digits.
 #[doc(hidden)]
 pub fn shorten_hash(hash: &str) -> String {
     hash.chars().take(DIGITS).collect()
@@ -173,7 +173,7 @@ mod tests {
         assert_eq!(provenance(1.0, "a").changes(&provenance(1.0, "a")), [""; 0]);
         let expected = ["parameter `growth` was 1.0, now 2.0", "the graph changed"];
         assert_eq!(provenance(1.0, "a").changes(&provenance(2.0, "b")), expected);
-        // With other data, the numbers of elements may differ too.
+        // With other data, the number of elements of a `ForEach` may differ too.
         let files = SortedMap::from_iter([("scan.ply".to_owned(), json!("00ff"))]);
         let other = Provenance { files, ..provenance(1.0, "b") };
         let expected = [

@@ -1,7 +1,7 @@
 //! Properties that a node requires of its inputs and guarantees for its outputs.
 
-/// A [property](maquette_value::Property) that a node requires of the values at a port. Each value is tested once, before the node runs,
-/// unless the node that computes the value guarantees the property.
+/// A [property](maquette_value::Property) that a node requires of the values at a port. A value is tested before the node runs, and only
+/// once. It is not tested if the node that computes the value guarantees the property.
 pub struct Want<N> {
     #[doc(hidden)]
     pub port: &'static str,
@@ -10,7 +10,7 @@ pub struct Want<N> {
     pub(crate) when: Option<Condition<N>>,
 }
 
-/// A [property](maquette_value::Property) that a node guarantees for the values at an output. So these values need not be tested.
+/// A [property](maquette_value::Property) that a node guarantees for the values of an output. These values need not be tested.
 pub struct Promise<N> {
     #[doc(hidden)]
     pub output: &'static str,
@@ -21,21 +21,21 @@ pub struct Promise<N> {
     pub(crate) when: Option<Condition<N>>,
 }
 
-/// The condition under which a promise holds.
+/// The condition under which a guaranteed property holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[doc(hidden)]
 pub enum Source {
     /// The output always has the property.
     Always,
-    /// The property holds if there is at least one value at this port and all values at the port have the property.
+    /// The property holds if the port with this name has at least one value and all its values have the property.
     From(&'static str),
-    /// The property never holds, except for empty values.
+    /// The property does not hold, except for empty values.
     Never,
 }
 
-/// A condition on the parameters of a node.
+/// A condition on the parameters of a node, under which a requirement or guarantee applies.
 pub(crate) struct Condition<N> {
-    /// The condition in words, as the manual prints it: `with the scheme Loop`.
+    /// The condition in words for the manual, such as `with the scheme Loop`.
     pub(crate) words: &'static str,
     pub(crate) holds: fn(&N) -> bool,
 }
@@ -46,7 +46,7 @@ impl<N> Want<N> {
         Self { port, property, when: None }
     }
 
-    /// Restricts the requirement to some values of the parameters, which `words` describes.
+    /// Restricts the requirement to nodes whose parameters satisfy `holds`. `words` describes this condition.
     #[must_use]
     pub const fn only_if(self, words: &'static str, holds: fn(&N) -> bool) -> Self {
         Self { port: self.port, property: self.property, when: Some(Condition { words, holds }) }
@@ -63,13 +63,13 @@ impl<N> Promise<N> {
         Self::new(output, property, Source::Always)
     }
 
-    /// Guarantees the property for `output`, if there is at least one value at `port` and all values at the port have the property.
+    /// Guarantees the property for `output` if `port` has at least one value and all its values have the property.
     pub const fn from(output: &'static str, property: &'static str, port: &'static str) -> Self {
         Self::new(output, property, Source::From(port))
     }
 
-    /// Guarantees for `output` all properties of meshes that the meshes at `port` have. This is for nodes that keep the faces and change
-    /// only positions and attributes.
+    /// Guarantees for `output` all properties of meshes that the meshes at `port` have. For nodes that do not change the faces, but only
+    /// positions and attributes.
     pub const fn faces_kept(output: &'static str, port: &'static str) -> [Self; 6] {
         [
             Self::from(output, "Closed", port),
@@ -81,7 +81,7 @@ impl<N> Promise<N> {
         ]
     }
 
-    /// As [`faces_kept`](Self::faces_kept), but only for some values of the parameters, which `words` describes.
+    /// Like [`faces_kept`](Self::faces_kept), but only for nodes whose parameters satisfy `holds`. `words` describes this condition.
     pub const fn faces_kept_when(
         output: &'static str,
         port: &'static str,
@@ -99,13 +99,13 @@ impl<N> Promise<N> {
         ]
     }
 
-    /// Declares that `output` never has the property, unless it is empty. If a node requires the property of this output, the check of a
-    /// graph reports a warning.
+    /// Declares that `output` never has the property, unless it is empty. The check of a graph reports a warning if another node requires
+    /// the property of this output.
     pub const fn never_has(output: &'static str, property: &'static str) -> Self {
         Self::new(output, property, Source::Never)
     }
 
-    /// Restricts the guarantee to some values of the parameters, which `words` describes.
+    /// Restricts the guarantee to nodes whose parameters satisfy `holds`. `words` describes this condition.
     #[must_use]
     pub const fn only_if(self, words: &'static str, holds: fn(&N) -> bool) -> Self {
         let Self { output, property, source, .. } = self;
@@ -118,21 +118,21 @@ fn applies<N>(when: Option<&Condition<N>>, node: &N) -> bool {
 }
 
 impl<N> Want<N> {
-    /// Returns the port and the property, if the node requires the property with its present parameters.
+    /// Returns the port and the property if the requirement applies to `node`, given its parameters.
     pub(crate) fn for_node(&self, node: &N) -> Option<(&'static str, &'static str)> {
         applies(self.when.as_ref(), node).then_some((self.port, self.property))
     }
 }
 
 impl<N> Promise<N> {
-    /// Returns the output, the property and the source of the guarantee, if the node guarantees the property with its present parameters.
+    /// Returns the output, the property and its condition if the guarantee applies to `node`, given its parameters.
     pub(crate) fn for_node(&self, node: &N) -> Option<(&'static str, &'static str, Source)> {
         let promise = (self.output, self.property, self.source);
         applies(self.when.as_ref(), node).then_some(promise)
     }
 }
 
-/// A requirement for a port or a guarantee for an output, as the documentation of a node type shows it.
+/// A requirement for a port or a guarantee for an output, in the form for the documentation of a node type.
 #[derive(Clone, Debug, PartialEq)]
 #[doc(hidden)]
 pub struct Term {
@@ -141,7 +141,7 @@ pub struct Term {
     pub at: &'static str,
     #[doc(hidden)]
     pub property: &'static str,
-    /// The condition of a guarantee. `None` for a requirement.
+    /// The condition under which a guarantee holds. `None` for a requirement.
     #[doc(hidden)]
     pub source: Option<Source>,
     pub(crate) when: &'static str,
@@ -163,7 +163,7 @@ impl Term {
         wants.chain(promises).collect()
     }
 
-    /// Formats the term: "Closed as `mesh`, with the scheme Loop".
+    /// Formats the term in words, such as "Closed as `mesh`, with the scheme Loop".
     #[doc(hidden)]
     pub fn describe(&self) -> String {
         let source = match self.source {

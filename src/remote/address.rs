@@ -9,7 +9,7 @@ use ureq::http::Uri;
 
 use super::bucket::Bucket;
 
-/// The address of a remote cache. Credentials are never printed.
+/// The URL and credentials of a remote cache. The credentials must never be printed.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Address {
     /// The URL without user name, password and trailing slash.
@@ -21,9 +21,9 @@ pub struct Address {
 #[derive(Clone, PartialEq, Eq)]
 enum Credentials {
     Anonymous,
-    /// The value of the `Authorization` header that is sent with each request.
+    /// The value of the `Authorization` header.
     Header(String),
-    /// The bucket whose keys sign each request.
+    /// The bucket, whose keys sign each request.
     Signed(Bucket),
 }
 
@@ -32,7 +32,7 @@ const HTTPS: &str = "https is not supported by this build: build with the featur
 
 impl Address {
     /// Parses the address of a server, such as `http://name:password@host:8080/results`, or of a bucket, such as `s3://bucket/results`. If
-    /// a `token` is given, it is used instead of name and password.
+    /// `token` is given, it replaces name and password.
     ///
     /// # Errors
     /// A message if the address is invalid.
@@ -81,7 +81,7 @@ impl Address {
         }
     }
 
-    /// Returns the bucket, or `None` if the address is that of a server.
+    /// Returns the bucket. `None` if the address is that of a server.
     pub(super) fn bucket(&self) -> Option<&Bucket> {
         match &self.credentials {
             Credentials::Signed(bucket) => Some(bucket),
@@ -96,7 +96,7 @@ impl fmt::Display for Address {
     }
 }
 
-/// Splits a URL such as `http://host:port/path` into server and path. A trailing slash is removed.
+/// Splits a URL such as `http://host:port/path` into `http://host:port` and the path. Removes a trailing slash.
 ///
 /// # Errors
 /// A message if the URL is invalid.
@@ -121,7 +121,7 @@ pub(super) fn endpoint(url: &str) -> Result<(String, String), String> {
     Ok((format!("{scheme}://{host}"), path.to_owned()))
 }
 
-/// Returns true if a text can be part of a request without escaping.
+/// Returns true if a text can be used in a request without escapes.
 pub(super) fn is_plain(text: &str) -> bool {
     text.bytes().all(|byte| byte.is_ascii_graphic())
 }

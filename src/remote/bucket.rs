@@ -1,4 +1,4 @@
-//! S3 buckets: the URLs of files, the credentials, and error answers.
+//! S3 buckets: the URLs of files, the credentials, and error responses.
 
 use std::time::SystemTime;
 
@@ -7,18 +7,18 @@ use ureq::http::StatusCode;
 use super::address::{endpoint, is_plain};
 use super::signature::{Keys, date};
 
-/// A bucket, and the folder of the bucket that contains the results.
+/// An S3 bucket, and the folder in it that contains the results.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Bucket {
     name: String,
-    /// The scheme, host and port of the endpoint: `https://host:port`.
+    /// The scheme, host and port of the endpoint, such as `https://host:port`.
     origin: String,
-    /// The part of the path before the name of a file: `/`, `/prefix/` or `/bucket/prefix/`.
+    /// The beginning of the path in each URL, before the name of the file: `/`, `/prefix/` or `/bucket/prefix/`.
     folder: String,
     keys: Keys,
 }
 
-/// The value that stands for the hash of the body in a signature. Uploads are not hashed, because downloads are verified by checksums.
+/// Takes the place of the hash of the body in a signature. Uploads are not hashed, because downloads are verified by checksums.
 const PAYLOAD: &str = "UNSIGNED-PAYLOAD";
 
 const NO_KEYS: &str = "a bucket needs AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY; files of profiles are not read: \
@@ -66,8 +66,7 @@ impl Bucket {
                 let end = if region.starts_with("cn-") { ".cn" } else { "" };
                 let host = format!("s3.{region}.amazonaws.com{end}");
                 match name.contains('.') {
-                    // The bucket's name is in the path: as a part of the host name, a name with dots would not match the wildcard
-                    // certificate.
+                    // Use the path for a bucket name with dots. As a part of the host name, it would not match the wildcard certificate.
                     true => (format!("https://{host}"), format!("/{name}")),
                     false => (format!("https://{name}.{host}"), String::new()),
                 }
@@ -99,8 +98,8 @@ impl Bucket {
         headers
     }
 
-    /// Returns a message for an error answer, or `None` if the file does not exist. The message contains only the error code and the region
-    /// from the answer.
+    /// Returns a message for an error response. `None` if the response means that the file does not exist. Of the response, the message
+    /// contains only the error code and the region.
     pub(super) fn refusal(
         &self,
         status: StatusCode,
@@ -141,7 +140,7 @@ impl Bucket {
     }
 }
 
-/// Returns the content of the first XML element with this name in a text.
+/// Returns the content of the first XML element with this name. `None` if there is none.
 fn element<'a>(text: &'a str, name: &str) -> Option<&'a str> {
     let (_, rest) = text.split_once(&format!("<{name}>"))?;
     rest.split_once("</").map(|(inside, _)| inside)
@@ -218,7 +217,7 @@ mod tests {
         let moved =
             refusal(301, Some("eu-west-1"), "<Code>PermanentRedirect</Code>", &bucket).unwrap();
         assert!(moved.ends_with("AWS_REGION must be eu-west-1"), "{moved}");
-        // An error code with invalid characters is not shown.
+        // An error code with invalid characters is not included in the message.
         assert_eq!(code(403, "\u{1b}[31m", &bucket).unwrap(), "403 Forbidden");
         assert_eq!(refusal(500, None, "", &bucket).unwrap(), "500 Internal Server Error");
     }

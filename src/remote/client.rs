@@ -10,19 +10,19 @@ use ureq::{Agent, Body, Error, RequestBuilder, SendBody};
 
 use super::address::Address;
 
-/// The timeout for resolving the server's name, and for connecting. Connecting with TLS may take twice as long.
+/// Timeout for resolving the server's name, and another one of the same length for connecting. Connecting with TLS may take twice as long.
 const CONNECT_TIMEOUT: Duration = Duration::from_millis(300);
 
-/// The timeout for the beginning of an answer, and for each pause while the answer is received.
+/// Timeout for the beginning of a response, and for each pause while the response is received.
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// The timeout for the answer to an upload. It is longer, because uploads run in the background.
+/// Timeout for the response to an upload. It is longer than that for downloads, because uploads run in the background.
 const STORE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// The time in seconds that any download may take, even if computing the result would be faster.
+/// Time in seconds that each download may take, even if computing the result would be faster.
 const MIN_ALLOWED_SECONDS: f64 = 0.5;
 
-/// The maximum number of bytes that are read from an error answer.
+/// Maximum number of bytes that are read from the body of an error response.
 const MAX_REFUSAL_BYTES: u64 = 8 << 10;
 
 pub(super) struct Client {
@@ -35,7 +35,7 @@ pub(super) enum Answer {
     Found(Vec<u8>),
     /// The file does not exist, or it is incomplete or too long.
     Missing,
-    /// The server cannot be used any more; the text is the reason.
+    /// The server must not be used again; the text is the reason.
     Failed(String),
 }
 
@@ -44,7 +44,7 @@ pub(super) enum Reply {
     Stored,
     /// The server does not accept files of this size.
     TooLarge,
-    /// The server does not accept any files; the text is the reason.
+    /// The server accepts no files at all; the text is the reason.
     Refused(String),
     Failed(String),
 }
@@ -54,29 +54,29 @@ impl Client {
         let is_encrypted = address.file_url("").starts_with("https");
         let config = Agent::config_builder()
             .http_status_as_error(false)
-            // Redirects are not followed: a redirect counts as a missing file.
+            // Do not follow redirects: a redirect counts as a missing file.
             .max_redirects(0)
             .max_redirects_will_error(false)
             .proxy(None)
             .user_agent(concat!("maquette/", env!("CARGO_PKG_VERSION")))
-            // Idle connections are closed early. A request on a connection that the server is just closing would look like a failure of the
-            // server.
+            // Close idle connections early. If the server closes a connection while a request is sent, the request fails although the
+            // server works.
             .max_idle_age(Duration::from_secs(2))
             .timeout_resolve(Some(CONNECT_TIMEOUT))
             .timeout_connect(Some(if is_encrypted { 2 * CONNECT_TIMEOUT } else { CONNECT_TIMEOUT }))
             .timeout_per_read(Some(ANSWER_TIMEOUT))
             .timeout_per_write(Some(ANSWER_TIMEOUT))
             .timeout_recv_response(Some(ANSWER_TIMEOUT));
-        // Only the certificates of the system are trusted.
+        // Trust only the root certificates of the operating system.
         #[cfg(feature = "tls")]
         let config =
             config.tls_config(TlsConfig::builder().root_certs(RootCerts::PlatformVerifier).build());
         Self { agent: config.build().into(), address }
     }
 
-    /// Checks that the server answers.
+    /// Checks that the server responds.
     pub(crate) fn check(&self) -> Result<(), String> {
-        // A bucket is checked by a GET request, because it sends the reason of an error only in the answer to a GET.
+        // Use a GET request for a bucket, because it does not send the reason of an error in the response to a HEAD request.
         match self.address.bucket().map(|_| self.get("answers", 0, 0.0)) {
             Some(Answer::Failed(why)) => Err(why),
             Some(Answer::Found(_) | Answer::Missing) => Ok(()),
@@ -84,7 +84,7 @@ impl Client {
         }
     }
 
-    /// Downloads a file of at most `max_bytes` bytes. Gives up if the download would take longer than `max_seconds` seconds.
+    /// Downloads a file of at most `max_bytes` bytes. Stops if the whole download is expected to take longer than `max_seconds` seconds.
     pub(super) fn get(&self, file: &str, max_bytes: u64, max_seconds: f64) -> Answer {
         let request = self.sign_request(self.agent.get(self.address.file_url(file)), "GET", file);
         match request.call() {
@@ -96,7 +96,8 @@ impl Client {
         }
     }
 
-    /// Returns the size of a file in bytes, or `None` if the file does not exist. The error is the reason why the server cannot be used.
+    /// Returns the size of a file in bytes. `None` if the file does not exist. The error is the reason why the server must not be used
+    /// again.
     pub(super) fn head(&self, file: &str) -> Result<Option<u64>, String> {
         let request = self.sign_request(self.agent.head(self.address.file_url(file)), "HEAD", file);
         let response = request.call().map_err(|error| describe_error(&error))?;
@@ -107,7 +108,7 @@ impl Client {
         Ok(response.body().content_length().filter(|_| status == StatusCode::OK))
     }
 
-    /// Uploads a file of `length` bytes.
+    /// Uploads a file of `length` bytes, which are read from `bytes`.
     pub(super) fn put(&self, file: &str, length: u64, mut bytes: impl Read) -> Reply {
         let request = self.sign_request(self.agent.put(self.address.file_url(file)), "PUT", file);
         let request = request.header("Content-Length", length);
@@ -125,7 +126,7 @@ impl Client {
         }
     }
 
-    /// Adds the credentials to a request.
+    /// Adds the headers with the credentials to a request.
     fn sign_request<B>(
         &self,
         request: RequestBuilder<B>,
@@ -136,7 +137,7 @@ impl Client {
         headers.fold(request, |request, (name, value)| request.header(name, value))
     }
 
-    /// Returns a message for an error answer. Returns `None` if the file does not exist, or if the answer is a redirect.
+    /// Returns a message for an error response. `None` if the file does not exist, or if the response is a redirect.
     fn refusal(&self, response: &mut Response<Body>) -> Option<String> {
         let status = response.status();
         let Some(bucket) = self.address.bucket() else {
@@ -145,7 +146,7 @@ impl Client {
             return (!is_absent).then(|| status.to_string());
         };
         let mut said = Vec::new();
-        // If the body cannot be read, the message contains only the status.
+        // If the body cannot be read, use only the status in the message.
         let _ = response.body_mut().as_reader().take(MAX_REFUSAL_BYTES).read_to_end(&mut said);
         let region = response.headers().get("x-amz-bucket-region");
         let region = region.and_then(|region| region.to_str().ok());
@@ -153,7 +154,7 @@ impl Client {
     }
 }
 
-/// Classifies the error answer to an upload.
+/// Classifies an error response to an upload.
 fn reply(status: StatusCode, why: String) -> Reply {
     match status {
         StatusCode::PAYLOAD_TOO_LARGE => Reply::TooLarge,
@@ -183,7 +184,7 @@ fn body(mut response: Response<Body>, max_bytes: u64, max_seconds: f64) -> Answe
         if max_bytes < now {
             return Answer::Missing;
         }
-        // The time that the whole download would take at the current speed.
+        // Expected time in seconds for the whole download, at its speed so far.
         let expected = length.map_or(f64::INFINITY, |length| elapsed * length as f64 / now as f64);
         if MIN_ALLOWED_SECONDS < elapsed && max_seconds.max(MIN_ALLOWED_SECONDS) < expected {
             return Answer::Failed("downloading is slower than computing".into());
@@ -191,7 +192,7 @@ fn body(mut response: Response<Body>, max_bytes: u64, max_seconds: f64) -> Answe
     }
 }
 
-/// Describes the error of a request. The address is left out, because it may contain credentials.
+/// Describes the error of a request. The message does not contain the URL, because it may contain credentials.
 fn describe_error(error: &Error) -> String {
     match error {
         Error::Timeout(_) => "it does not answer in time".into(),

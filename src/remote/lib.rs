@@ -1,14 +1,15 @@
-//! Remote caches: machines share results through an HTTP server or a bucket that stores files by name: `URL/BUILD/NAME`.
+//! Remote caches: machines share results through an HTTP server or an S3 bucket, which stores each file under the URL `URL/BUILD/NAME`.
 //!
-//! Files are verified like those on disk: by a checksum that also covers the name. The cache is optional. It is not used any more after the
-//! first request that fails or times out, or when it has cost more time than it has saved. Uploads run in the background, see `uploads`.
+//! Files are verified, like those in the cache on disk, by a checksum that also covers the file name. The remote cache is optional. After
+//! the first request that fails or times out, or when it has cost more time than it has saved, it is not used again. Uploads run in the
+//! background, see `uploads`.
 //!
-//! Read `remote.rs` first. This crate handles names and bytes, and does not depend on values or graphs.
+//! Start reading in `remote.rs`. This crate handles names and bytes, and does not depend on values or graphs.
 
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 
 mod address;
-// Tests of buckets run in any build.
+// The tests of buckets run even if the feature `s3` is disabled.
 #[cfg_attr(not(any(test, feature = "s3")), path = "no_bucket.rs")]
 mod bucket;
 mod client;
@@ -17,10 +18,10 @@ mod remote;
 mod signature;
 mod uploads;
 
-/// True if this build supports https addresses.
+/// True if this build of the program supports https addresses.
 pub const HTTPS: bool = cfg!(feature = "tls");
 
-/// True if this build supports addresses of S3 buckets.
+/// True if this build of the program supports addresses of S3 buckets.
 pub const BUCKETS: bool = cfg!(feature = "s3");
 
 pub use address::Address;

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 
 use ureq::http::StatusCode;
 
-/// A type without values, because an address is never a bucket in this build.
+/// A type without values: in this build, an address is never that of a bucket.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Bucket(Infallible);
 

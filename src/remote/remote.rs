@@ -1,4 +1,4 @@
-//! The remote cache for the results of one build of the program.
+//! The remote cache with the results of one build of the program.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -9,27 +9,27 @@ use super::address::Address;
 use super::client::{Answer, Client, Reply};
 use super::uploads::{Upload, Uploads};
 
-/// The maximum time in seconds by which the waiting for a server may exceed the computing time that the server has saved.
+/// Maximum difference in seconds between the time spent waiting for the server and the computing time that its files have saved.
 pub(crate) const MAX_DEFICIT: f64 = 0.5;
 
-/// The remote cache for the results of one build of the program.
+/// The remote cache with the results of one build of the program.
 pub struct Remote {
     server: Arc<Server>,
     uploads: Uploads,
 }
 
-/// The numbers of requests to a server, by result.
+/// Numbers of requests to a server, by result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RequestCounts {
-    /// The number of downloaded files.
+    /// Number of downloaded files.
     pub found: usize,
-    /// The number of files that the server did not have.
+    /// Number of files that the server did not have.
     pub missing: usize,
-    /// The number of downloaded files with a wrong checksum or content.
+    /// Number of downloaded files with a wrong checksum or invalid content.
     pub damaged: usize,
-    /// The number of uploaded files, including those that the server already had.
+    /// Number of uploaded files, including those that the server already had.
     pub sent: usize,
-    /// The number of files that were not uploaded, because the server does not accept them or the upload would have taken too long.
+    /// Number of files that were not uploaded, because the server rejected them or the upload would have taken too long.
     pub unsent: usize,
 }
 
@@ -38,11 +38,11 @@ pub(crate) struct Server {
     pub(crate) address: Address,
     /// The name of the folder on the server that contains the files of this build.
     pub(crate) folder: String,
-    /// True if the server is not used any more.
+    /// True if the server must not be used again, because it failed or was too slow.
     pub(crate) is_abandoned: AtomicBool,
-    /// True if nothing is uploaded any more, because the server does not accept files.
+    /// True if no more files are uploaded, because the server does not accept files.
     pub(crate) is_full: AtomicBool,
-    /// The first problem with the server. Later problems are not reported.
+    /// The first problem with the server, for a message. Later problems are not stored.
     pub(crate) problem: OnceLock<String>,
     pub(crate) account: Mutex<TimeAccount>,
     pub(crate) counts: Counts,
@@ -57,8 +57,8 @@ pub(crate) struct Counts {
     pub unsent: AtomicUsize,
 }
 
-/// The time that waiting for answers has cost, and the computing time that downloads have saved, in seconds. If several threads wait at the
-/// same time, the time counts once.
+/// Time in seconds spent waiting for responses, and computing time that downloads have saved. If several threads wait at the same time,
+/// that time counts once.
 #[derive(Default)]
 pub(crate) struct TimeAccount {
     waiting: usize,
@@ -68,7 +68,7 @@ pub(crate) struct TimeAccount {
 }
 
 impl Remote {
-    /// Creates the remote cache for the results of the build with this fingerprint.
+    /// Creates the remote cache with the results of one build of the program. `fingerprint` identifies the build.
     pub fn new(address: Address, fingerprint: &str) -> Self {
         let server = Arc::new(Server {
             client: Client::new(address.clone()),
@@ -83,8 +83,8 @@ impl Remote {
         Self { uploads: Uploads::new(server.clone()), server }
     }
 
-    /// Downloads a file of at most `max_bytes` bytes in at most `max_seconds` seconds, and decodes it with `decode`. Returns `None` if the
-    /// download or the decoding fails.
+    /// Downloads the file with the name of `path`, and decodes it with `decode`. The limits are `max_bytes` bytes and `max_seconds`
+    /// seconds. Returns `None` if the download or the decoding fails.
     pub fn get<T>(
         &self,
         path: &Path,
@@ -119,22 +119,22 @@ impl Remote {
         }
     }
 
-    /// Records that a download has saved this number of seconds of computing.
+    /// Records that a download has saved computing time, in seconds.
     pub fn record_saved_time(&self, seconds: f64) {
         lock(&self.server.account).saved += seconds;
     }
 
-    /// Queues an upload. If `is_new` is false, the file is uploaded only if the server does not have it.
+    /// Queues an upload. Set `is_new` for a new result. Otherwise the file is uploaded only if the server does not have it.
     pub fn put(&self, path: PathBuf, is_new: bool) {
         self.uploads.send(Upload { path, is_new });
     }
 
-    /// Waits for uploads for a limited time. Uploads that have not ended by then are dropped.
+    /// Waits for the uploads in the queue for a limited time, then drops the rest.
     pub fn finish(&self) {
         self.uploads.finish();
     }
 
-    /// Returns the first problem with the server.
+    /// Returns the first problem with the server. `None` if there was no problem.
     pub fn problem(&self) -> Option<&str> {
         self.server.problem.get().map(String::as_str)
     }
@@ -148,18 +148,18 @@ impl Remote {
     }
 }
 
-/// Checks that a server answers at an address.
+/// Checks that the server at an address responds.
 pub fn check_server(address: &Address) -> Result<(), String> {
     Client::new(address.clone()).check()
 }
 
 impl Server {
-    /// Returns the name on the server of the file at a local path.
+    /// Returns the name that the file at a local path has on the server.
     pub(crate) fn name(&self, path: &Path) -> Option<String> {
         Some(format!("{}/{}", self.folder, path.file_name()?.to_str()?))
     }
 
-    /// Uploads a file. Stops when `cancelled` returns true.
+    /// Uploads a file. Stops if `cancelled` returns true.
     pub(crate) fn upload(&self, upload: &Upload, cancelled: impl Fn() -> bool) {
         let taken = self.try_upload(upload, cancelled);
         count(if taken { &self.counts.sent } else { &self.counts.unsent });
@@ -176,7 +176,7 @@ impl Server {
             return false;
         }
         let opened = std::fs::File::open(path).and_then(|file| Ok((file.metadata()?.len(), file)));
-        // Opening the file fails if the cache on disk has been cleared since the upload was queued.
+        // Opening the file fails if the cache on disk was cleared after the upload was queued.
         let (Ok((length, file)), Some(name)) = (opened, self.name(path)) else { return false };
         if !is_new {
             match self.client.head(&name) {
@@ -206,7 +206,7 @@ impl Server {
         false
     }
 
-    /// Stops using the server, and reports the reason.
+    /// Stops using the server, and stores the reason as its problem.
     pub(crate) fn abandon(&self, why: String) {
         self.is_abandoned.store(true, Ordering::Relaxed);
         self.report(format!("{why}; it is not used any more"));
@@ -240,8 +240,7 @@ pub(crate) fn count(count: &AtomicUsize) {
     count.fetch_add(1, Ordering::Relaxed);
 }
 
-/// Locks a mutex even if a thread has panicked while holding the lock. That is safe, because the guarded data is consistent after every
-/// step.
+/// Locks a mutex even if a thread has panicked while holding the lock. This is safe, because all changes leave the guarded data consistent.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(|broken| broken.into_inner())
 }

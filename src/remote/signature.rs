@@ -1,4 +1,4 @@
-//! AWS Signature Version 4, which authenticates requests to a bucket.
+//! AWS Signature Version 4, which authenticates requests to an S3 bucket.
 //!
 //! Source: Amazon, *Signature Calculations for the Authorization Header: Transferring Payload in a Single Chunk (AWS Signature Version 4)*,
 //! in the reference of S3. The test uses the example from this source.
@@ -11,7 +11,7 @@ use std::time::{Duration, SystemTime};
 use ring::digest::{SHA256, digest};
 use ring::hmac;
 
-/// The credentials for a bucket. Only the region may be printed.
+/// The credentials for a bucket. All fields except for the region are secret.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Keys {
     pub(super) id: String,
@@ -22,8 +22,8 @@ pub(super) struct Keys {
 }
 
 impl Keys {
-    /// Returns the value of the header `Authorization` for a request at the time `date`, which has the format of [`date`]. The headers must
-    /// be sorted by name, and the names must be in lower case. `payload` is the hash of the body, or `UNSIGNED-PAYLOAD`.
+    /// Returns the value of the header `Authorization` for a request. `date` is the time in the format of [`date`]. The headers must be
+    /// sorted by name, with names in lower case. `payload` is the hash of the body, or `UNSIGNED-PAYLOAD`.
     pub(super) fn authorization(
         &self,
         method: &str,
@@ -52,10 +52,10 @@ impl Keys {
     }
 }
 
-/// Formats a time as `20130524T000000Z`.
+/// Formats a time in UTC, such as `20130524T000000Z`.
 ///
-/// Source: Howard Hinnant, *chrono-Compatible Low-Level Date Algorithms* (2013), `civil_from_days`. The variables have the names of the
-/// source.
+/// Source: Howard Hinnant, *chrono-Compatible Low-Level Date Algorithms* (2013), `civil_from_days`. The names of the variables are those of
+/// the source.
 pub(super) fn date(time: SystemTime) -> String {
     let seconds = time.duration_since(SystemTime::UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs();
     let z = seconds / 86_400 + 719_468;

@@ -10,17 +10,17 @@ use std::time::{Duration, Instant};
 
 use super::remote::{Server, count, lock};
 
-/// A file to upload. The queue contains only paths, so it needs little memory.
+/// A file in the queue of uploads. Only its path is stored, so a long queue needs little memory.
 pub(super) struct Upload {
     pub(super) path: PathBuf,
-    /// True if the file has just been written, false if it was on disk before.
+    /// True if this program has just written the file. False if it was in the cache on disk before.
     pub(super) is_new: bool,
 }
 
-/// The maximum number of files in the queue. Further files are not uploaded.
+/// Maximum number of files in the queue. Further files are not uploaded.
 const QUEUE: usize = 4096;
 
-/// The maximum time that a run waits for uploads at its end.
+/// Maximum time that the program waits for uploads before it exits.
 const FINISH_TIMEOUT: Duration = Duration::from_secs(1);
 
 pub(super) struct Uploads {
@@ -31,10 +31,10 @@ pub(super) struct Uploads {
 
 #[derive(Default)]
 struct Queue {
-    /// The number of files that are queued or being uploaded.
+    /// Number of files that are queued or being uploaded.
     waiting: Mutex<usize>,
     changed: Condvar,
-    /// The number of times that the queue was dropped. A file that was queued before the last time is not uploaded.
+    /// Number of times that the queue was dropped. A file is not uploaded if the queue was dropped after the file had been queued.
     dropped: AtomicU64,
 }
 
@@ -43,7 +43,7 @@ impl Queue {
         self.dropped.load(Ordering::Relaxed) != time
     }
 
-    /// Records that a file is not queued any more. `time` is the value of `dropped` when the file was queued.
+    /// Records that a file has left the queue. `time` is the value of `dropped` at the time when the file was queued.
     fn leave(&self, time: u64) {
         let mut waiting = lock(&self.waiting);
         if !self.is_dropped(time) {
@@ -82,7 +82,7 @@ impl Uploads {
         }
     }
 
-    /// Waits at most [`FINISH_TIMEOUT`] for uploads. The uploads that have not ended by then are dropped.
+    /// Waits for uploads for at most [`FINISH_TIMEOUT`], then drops the rest of the queue.
     pub(super) fn finish(&self) {
         let end = Instant::now() + FINISH_TIMEOUT;
         let mut waiting = lock(&self.queue.waiting);
@@ -101,14 +101,14 @@ impl Uploads {
     }
 }
 
-/// Does not wait for the current upload. The thread ends by itself.
+/// Drops the queue without waiting for the current upload. The thread then ends by itself.
 impl Drop for Uploads {
     fn drop(&mut self) {
         self.queue.dropped.fetch_add(1, Ordering::Relaxed);
     }
 }
 
-/// A file whose reading can be cancelled.
+/// A file whose reading fails as soon as `cancelled` returns true.
 pub(super) struct CancellableFile<'a> {
     pub(super) file: File,
     pub(super) cancelled: &'a dyn Fn() -> bool,

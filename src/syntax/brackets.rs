@@ -1,4 +1,4 @@
-//! Finds missing, wrong and surplus brackets in a text, and proposes corrections.
+//! Finds missing, wrong and surplus brackets in a RON text, and proposes corrections.
 
 use ronin_core::SyntaxKind;
 
@@ -9,17 +9,17 @@ use super::parser::{
 use super::repair::{Edit, Repair};
 use crate::error::{Position, Span};
 
-/// A bracket that is open while the text is read.
+/// A bracket that is not yet closed at the current position in the text.
 struct OpenBracket {
     kind: SyntaxKind,
     at: Span,
-    /// The offset at which the current part begins.
+    /// The offset at which the current part of the bracket's content begins: a field, entry or item.
     part: Option<usize>,
     has_names: bool,
-    /// The number of complete parts without a name.
+    /// The number of complete parts that have no name.
     items: usize,
-    /// True if the first part is a string that fields may follow. Examples are `Graph("lib.ron", version: "1.0")` and, in sweeps, `picture:
-    /// ("model.glb", zoom: 2)`.
+    /// True if the first part is a string without a name, and fields may follow. Examples are `Graph("lib.ron", version: "1.0")` and, in
+    /// sweeps, `picture: ("model.glb", zoom: 2)`.
     is_of_text: bool,
 }
 
@@ -32,7 +32,7 @@ impl OpenBracket {
         }
     }
 
-    /// Returns true if the bracket can contain a part whose name is of this kind.
+    /// Returns true if a name of this kind can occur directly inside of the bracket: strings in maps, words in calls.
     fn accepts_name(&self, name: SyntaxKind) -> bool {
         match self.kind {
             SyntaxKind::LParen => {
@@ -48,7 +48,7 @@ impl OpenBracket {
 /// The missing, wrong and surplus brackets of a text.
 pub(super) struct Brackets<'t> {
     repair: &'t Repair,
-    /// The text before all repairs.
+    /// The text before it was repaired.
     text: &'t str,
     tokens: Vec<(SyntaxKind, Span)>,
     pub(super) edits: Vec<Edit>,
@@ -68,7 +68,8 @@ fn opener_of(kind: SyntaxKind) -> Option<SyntaxKind> {
 }
 
 impl<'t> Brackets<'t> {
-    /// Finds the errors. A name shows which kind of bracket contains it: strings name entries of maps, and words name fields of calls.
+    /// Finds the errors in a text. The kind of a name shows which bracket contains it: strings are keys of maps, and words are fields of
+    /// calls.
     pub(super) fn analyze(repair: &'t Repair, text: &'t str) -> Self {
         use SyntaxKind::{Colon, Comma, LBrace, LBracket, LParen};
         let tokens: Vec<_> =
@@ -112,7 +113,7 @@ impl<'t> Brackets<'t> {
         }
     }
 
-    /// Processes the bracket after a name, which begins a call. Returns the kind of bracket that the name requires.
+    /// Processes the opening bracket after a name, which begins a call. Returns the kind of bracket that a call requires.
     fn begin_call(&mut self, kind: SyntaxKind, index: usize) -> SyntaxKind {
         let at = self.tokens[index].1;
         if kind != SyntaxKind::LParen {
@@ -129,7 +130,7 @@ impl<'t> Brackets<'t> {
         SyntaxKind::LParen
     }
 
-    /// Processes the colon at `index`. Closes all brackets that cannot contain the name before the colon.
+    /// Processes the colon at `index`. Closes the open brackets that cannot contain the name before the colon.
     fn read_name(&mut self, index: usize) {
         let Some(&(name, named)) = index.checked_sub(1).map(|before| &self.tokens[before]) else {
             return;
@@ -160,7 +161,7 @@ impl<'t> Brackets<'t> {
             self.open.pop();
             return;
         }
-        // The bracket may close an outer bracket, be of the wrong kind, or be surplus. The tokens that follow decide.
+        // The bracket may close an outer bracket, be of the wrong kind, or be surplus. The next tokens show which case applies.
         let outer = self.open.iter().rposition(|open| open.kind == opener);
         let next = self.tokens.get(index + 1);
         let is_before_another = next.is_some_and(|(kind, _)| opener_of(*kind).is_some());
@@ -188,7 +189,7 @@ impl<'t> Brackets<'t> {
         is_other_order && self.is_consistent(self.open.len() - 2, index + 2)
     }
 
-    /// Returns true if the tokens from `index` on are consistent with `open` open brackets.
+    /// Returns true if the tokens with index `from` and greater make sense while the first `open` brackets are open.
     fn is_consistent(&self, mut open: usize, from: usize) -> bool {
         for (index, &(kind, _)) in self.tokens.iter().enumerate().skip(from) {
             let last = open.checked_sub(1).map(|last| &self.open[last]);
@@ -209,19 +210,19 @@ impl<'t> Brackets<'t> {
         open == 0
     }
 
-    /// Closes the open brackets with indices `from` and above at the offset `at`. `found` is the bracket that the text has instead of their
-    /// closing brackets.
+    /// Closes the open brackets with indices `from` and greater at the offset `at`. `found` is the wrong bracket at this offset, if there
+    /// is one.
     fn close(&mut self, from: usize, at: usize, found: Option<Span>) {
         let known = self.errors.len();
         while from < self.open.len() {
             let Some(open) = self.open.pop() else { return };
             self.edits.push((Span { start: at, end: at }, open.closer().into()));
-            // The entries of a map can be read even if the end of the map is wrong.
+            // The entries of a map can be read even if the end of the map is uncertain.
             let part = self.open.last().and_then(|outer| outer.part);
             if open.kind != SyntaxKind::LBrace && self.open.len() > 1 {
                 self.doubtful.push(Span { start: part.unwrap_or(open.at.start), end: at });
             }
-            // If the text is cut off, many brackets are open, but only one error is reported.
+            // If the end of the text is missing, many brackets are open. Report only one error.
             if found.is_none() && known < self.errors.len() {
                 continue;
             }
@@ -238,7 +239,7 @@ impl<'t> Brackets<'t> {
         }
     }
 
-    /// Replaces a closing bracket by a closing bracket of the right kind.
+    /// Replaces a closing bracket of the wrong kind.
     fn replace(&mut self, at: Span) {
         let Some(open) = self.open.pop() else { return };
         let closer = open.closer();
@@ -261,7 +262,7 @@ impl<'t> Brackets<'t> {
         self.errors.push(SyntaxError { span, message, help });
     }
 
-    /// Returns a piece of the repaired text, and its span in the original text.
+    /// Returns the text at a span of the repaired text, and the corresponding span in the original text.
     fn source_piece(&self, at: Span) -> (&'t str, Span) {
         (&self.repair.text[at.start..at.end], self.repair.source_span(at))
     }

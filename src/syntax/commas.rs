@@ -1,4 +1,5 @@
-//! Support for texts whose lines begin with commas, as in `, "red": Transform(..)`.
+//! Support for texts with leading commas: a line begins with the comma that separates it from the line before, as in `, "red":
+//! Transform(..)`.
 //!
 //! A comment belongs to the entry below it, so tools that move entries need each comma directly after its entry. [`with_trailing_commas`]
 //! moves commas to the ends of entries, and [`edit_with_trailing_commas`] moves them back after an edit.
@@ -11,8 +12,7 @@ use crate::error::Span;
 
 /// Moves each comma that is on a later line than the value before it to the end of that value.
 ///
-/// The text must have no syntax errors. Comments and line breaks are not moved. Only a line that consists of nothing but a comma is
-/// removed.
+/// The text must have no syntax errors. Comments and line breaks are not moved. Lines that contain only a comma are removed.
 pub fn with_trailing_commas(text: &str) -> Cow<'_, str> {
     let mut edits = Vec::new();
     let mut end = None;
@@ -56,12 +56,12 @@ fn apply_edits(text: &str, edits: Vec<(Span, &str)>) -> String {
     result + &text[copied..]
 }
 
-/// The groups in a text that have leading commas, and the spaces after these commas.
+/// For each group (a bracket with its content): whether its commas lead or trail, and the spaces after leading commas.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct CommaStyle {
-    /// For each group, by its path, the spaces after its leading commas. `None` if the commas of the group are trailing.
+    /// The spaces after the leading commas, by the path of the group. `None` if the commas of the group are trailing.
     groups: BTreeMap<Vec<String>, Option<String>>,
-    /// The style of groups that the text did not contain.
+    /// The style of groups that an edit adds. `None` for trailing commas.
     other: Option<String>,
 }
 
@@ -87,7 +87,7 @@ impl CommaStyle {
         style
     }
 
-    /// Moves the commas of those groups that had leading commas back to the beginnings of lines.
+    /// Moves the commas of groups with leading commas back to the beginnings of lines.
     fn apply(&self, text: &str) -> String {
         let mut edits = Vec::new();
         for_each_break(text, |path, comma, before, next| {
@@ -99,7 +99,7 @@ impl CommaStyle {
                 edits.push((Span { start: next, end: next }, format!(",{spaces}")));
             }
         });
-        // Inner groups are reported before outer ones, so the edits must be sorted.
+        // Commas of inner groups are visited before those of outer groups, so the edits must be sorted.
         edits.sort_by_key(|(span, _)| *span);
         apply_edits(text, edits.iter().map(|(span, new)| (*span, &new[..])).collect())
     }
@@ -120,7 +120,7 @@ pub fn edit_with_trailing_commas<E>(
     Ok(if style.apply(&behind) == text { style.apply(&edited) } else { edited })
 }
 
-/// The state of a group whose bracket is open.
+/// The state of a group while its bracket is open.
 #[derive(Default)]
 struct Group {
     /// The comma after the last value, and the end of that value.
@@ -130,8 +130,8 @@ struct Group {
     index: usize,
 }
 
-/// Calls `see` for each comma between two values on different lines. The arguments are the path of the comma's group, the comma, the end of
-/// the value before it, and the start of the value after it.
+/// Calls `see` for each comma between two values on different lines. The arguments are the path of the group that contains the comma, the
+/// span of the comma, the end of the value before it, and the start of the value after it.
 fn for_each_break(text: &str, mut see: impl FnMut(&[String], Span, usize, usize)) {
     let mut path: Vec<String> = Vec::new();
     let mut open: Vec<Group> = vec![Group::default()];

@@ -1,4 +1,4 @@
-//! Conflict markers, which a merge leaves in a file if both sides have changed a part.
+//! Conflict markers, which a version control system leaves in a file if a merge fails.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,7 +11,7 @@ pub const CONFLICT_MESSAGE: &str = "this file contains merge conflict markers";
 
 const CONFLICT_HELP: &str = "resolve each conflict and remove the lines with the markers";
 
-/// Returns the number of the first line, from 1, that has a conflict marker, for a text that is not RON.
+/// Returns the number, from 1, of the first line with a conflict marker. For texts in formats other than RON.
 pub fn conflict_line(text: &str) -> Option<usize> {
     let has_end = text.lines().any(|line| line.starts_with(">>>>>>> "));
     let place = text.lines().position(|line| line.starts_with("<<<<<<< "));
@@ -29,7 +29,7 @@ pub fn conflict_diagnostic(name: &Path, text: &str) -> Option<Diagnostic> {
     Some(Diagnostic { help: CONFLICT_HELP.into(), ..diagnostic })
 }
 
-/// Reports the first conflict marker of a text that is not inside of a string or comment.
+/// Reports the first conflict marker in a RON text. Markers inside of strings and comments are ignored.
 pub(super) fn conflict_error(text: &str) -> Option<SyntaxError> {
     const MARKS: [&str; 4] = ["<<<<<<<", "|||||||", "=======", ">>>>>>>"];
     let mut start = 0;
@@ -40,7 +40,7 @@ pub(super) fn conflict_error(text: &str) -> Option<SyntaxError> {
     });
     let marks = lines.collect::<Vec<_>>();
     let first = raw_tokens(text).find_map(|(_, token)| {
-        // A conflict marker is a token at the start of a line, and not inside of a string or comment.
+        // A marker inside of a string or comment is not the start of a token.
         marks.iter().find(|mark| mark.start == token.start)
     })?;
     Some(SyntaxError { span: *first, message: CONFLICT_MESSAGE.into(), help: CONFLICT_HELP.into() })

@@ -1,5 +1,6 @@
-//! The context of a position in a text: the brackets that are open at the position, the value to which each bracket belongs, and the token
-//! that is being typed. The context is derived from tokens alone, so the text after the position may be invalid or missing.
+//! The context of a position in an unfinished text, for completion in editors: the brackets that are open at the position, the value to
+//! which each bracket belongs, and the token that is being typed. Only tokens are needed, so the text after the position may be invalid or
+//! missing.
 
 use ronin_core::SyntaxKind;
 
@@ -10,9 +11,9 @@ use crate::error::Span;
 /// The context of a position in a text.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cursor {
-    /// The open brackets, from the outermost one.
+    /// The brackets that are open at the position, from the outermost to the innermost.
     pub frames: Vec<Frame>,
-    /// The token at the position, which may be being typed.
+    /// The token at the position, which the user may be typing.
     pub typed: TypedToken,
 }
 
@@ -23,13 +24,13 @@ pub struct Frame {
     pub bracket: char,
     /// The byte offset of the bracket.
     pub start: usize,
-    /// The word before the bracket: `Threshold` of `Threshold(`.
+    /// The name before the bracket, such as `Threshold` in `Threshold(`.
     pub name: Option<Name>,
     /// The field or key whose value is expected at the position. `None` if a name is expected.
     pub field: Option<Name>,
-    /// The number of commas between the bracket and the position.
+    /// Number of commas between the bracket and the position, not counting those in inner brackets.
     pub index: usize,
-    /// The fields and keys in the bracket. Those after the position are included as far as the text is valid.
+    /// The names of the fields or keys in the bracket, including those after the position as far as the text is valid.
     pub names: Vec<Name>,
 }
 
@@ -37,7 +38,7 @@ pub struct Frame {
 #[derive(Clone, Debug, PartialEq)]
 pub struct TypedToken {
     pub kind: TypedKind,
-    /// The whole word, or the string without its quotes. Empty if the position is between two words.
+    /// The span of the whole word, or of the string without its quotes. Empty if the position is between two words.
     pub span: Span,
 }
 
@@ -52,7 +53,7 @@ pub enum TypedKind {
     Comment,
 }
 
-/// A field, key or item that [`for_each_word`] visits.
+/// A name or value that [`for_each_word`] visits.
 pub enum WalkEvent<'a> {
     /// A field or key with its colon, `name:`; its value follows.
     Name(&'a Name),
@@ -64,12 +65,12 @@ pub enum WalkEvent<'a> {
 #[derive(Default)]
 struct Walk {
     frames: Vec<Frame>,
-    /// The last word or string, with its kind. If a colon follows, it is a name.
+    /// The last word or string, and its kind. It is a name if a colon follows, and a value otherwise.
     last: Option<(Name, TypedKind)>,
 }
 
 impl Walk {
-    /// Processes a token. Calls `see` for each name, word and string as soon as the token is known to be a name or a value.
+    /// Processes a token. Calls `see` for each word and string as soon as the next token shows if it is a name or a value.
     fn process_token(
         &mut self,
         text: &str,
@@ -92,7 +93,7 @@ impl Walk {
             see(&self.frames, WalkEvent::Name(&name));
             return;
         }
-        // The word before a bracket, such as `Threshold` in `Threshold(`, is visited too.
+        // Visit the name before a bracket, such as `Threshold` in `Threshold(`.
         if let Some((name, kind)) = &last {
             see(&self.frames, WalkEvent::Word(name, *kind));
         }
@@ -145,11 +146,11 @@ fn string_content(text: &str, at: Span) -> Span {
     Span { start: at.start + start, end: at.start + end.max(start) }
 }
 
-/// The maximum number of unterminated strings after which tokenizing continues. It bounds the time for broken texts.
+/// Maximum number of unterminated strings that are skipped. It bounds the time for broken texts.
 const MAX_RECOVERIES: usize = 16;
 
-/// Splits an unfinished text into tokens. An unterminated string would extend to the quote that begins the next string. It is cut at the
-/// end of its line instead, and the rest of the text is tokenized again.
+/// Splits an unfinished text into tokens. An unterminated string would extend to the opening quote of the next string. Such a string is cut
+/// at the end of its line, and the rest of the text is split again.
 pub(super) fn recover_tokens(text: &str) -> Vec<(SyntaxKind, Span)> {
     let mut tokens = Vec::new();
     let (mut start, mut recoveries) = (0, 0);
@@ -171,8 +172,8 @@ pub(super) fn recover_tokens(text: &str) -> Vec<(SyntaxKind, Span)> {
     tokens
 }
 
-/// Returns the end of the first line of a string over several lines that seems unterminated: it has no closing quote, or its quote is not
-/// followed by something that can end a value.
+/// Returns the end of the first line of a multi-line string that seems to be unterminated. A string seems unterminated if it has no closing
+/// quote, or if no value can end at that quote. `None` for other strings.
 fn unclosed_end(text: &str, kind: SyntaxKind, at: Span) -> Option<usize> {
     if !matches!(kind, SyntaxKind::String | SyntaxKind::RawString) {
         return None;
@@ -183,17 +184,17 @@ fn unclosed_end(text: &str, kind: SyntaxKind, at: Span) -> Option<usize> {
         || rest.starts_with(|c: char| c.is_whitespace() || ",:)]}".contains(c))
         || rest.starts_with("//")
         || rest.starts_with("/*");
-    // If there is no closing quote, the content ends at the end of the line.
+    // Without a closing quote, the content of the string ends at the end of the line.
     let is_closed = string_content(text, at).end != at.start + line;
     (!(is_closed && ends_value)).then_some(at.start + line)
 }
 
-/// Returns true if a quote directly after `text` would be escaped by a backslash.
+/// Returns true if `text` ends with a backslash that would escape a quote after it.
 pub(super) fn ends_escaped(text: &str) -> bool {
     (text.len() - text.trim_end_matches('\\').len()) % 2 == 1
 }
 
-/// Returns the context of the byte offset `at`. If the offset is inside of a character, it is moved back to the start of the character.
+/// Returns the context of the byte offset `at`. An offset inside of a character is moved to the start of the character.
 pub fn cursor(text: &str, at: usize) -> Cursor {
     let at = (0..=at.min(text.len())).rfind(|&at| text.is_char_boundary(at)).unwrap_or(0);
     let mut walk = Walk::default();
@@ -208,7 +209,7 @@ pub fn cursor(text: &str, at: usize) -> Cursor {
         }
         walk.process_token(text, kind, span, &mut |_, _| {});
     }
-    // A word that begins at the position is the word that is being typed.
+    // A word that begins exactly at the position is the one that is being typed.
     if typed.kind == TypedKind::Nothing
         && let Some((kind, span)) = tokens.next_if(|(_, span)| span.start == at)
     {
@@ -233,7 +234,7 @@ pub fn cursor(text: &str, at: usize) -> Cursor {
     Cursor { frames: describe_cursor, typed }
 }
 
-/// Adds the fields and keys that follow the position to the open brackets that contain them.
+/// Adds the fields and keys after the position to the frames of the open brackets.
 fn complete_frames(
     text: &str,
     mut around: Vec<Frame>,
@@ -242,7 +243,7 @@ fn complete_frames(
     rest: impl Iterator<Item = (SyntaxKind, Span)>,
 ) -> Vec<Frame> {
     let mut depth = around.len();
-    // The word before the position is still being typed, so a colon after the position must not make it a name.
+    // The word before the position is unfinished. Forget it, so that a colon after the position does not make it a name.
     walk.last = None;
     for (kind, span) in std::iter::once(next).chain(rest) {
         walk.process_token(text, kind, span, &mut |_, _| {});
@@ -262,7 +263,7 @@ fn complete_frames(
     around
 }
 
-/// Returns true if text that is typed at the end of this token would belong to the token.
+/// Returns true if a character typed directly after this token would extend the token.
 fn is_open_end(text: &str, kind: SyntaxKind, span: Span) -> bool {
     match kind {
         SyntaxKind::String | SyntaxKind::RawString => string_content(text, span).end == span.end,
@@ -311,7 +312,7 @@ pub fn for_each_word(text: &str, mut see: impl FnMut(&[Frame], WalkEvent<'_>)) {
 mod tests {
     use super::*;
 
-    /// Formats the open brackets and the token that is being typed at the mark `|`.
+    /// Formats the context of the position that the sign `|` marks in a text.
     fn describe_cursor(text: &str) -> String {
         let at = text.find('|').unwrap();
         let found = cursor(&text.replacen('|', "", 1), at);
@@ -359,7 +360,7 @@ mod tests {
         check("A(b: \"ä|ö\")", "A(b#0 Text `äö`");
         check("A(b: r#\"x|y\"#)", "A(b#0 Text `xy`");
         check("A(b: \"x\"|)", "A(b#0 Nothing ``");
-        // A string over several lines is a single string, unless its last quote begins another string.
+        // A quote on a later line closes the string, unless it is the opening quote of another string.
         check("A(b: \"x\n |y\")", "A(b#0 Text `x\n y`");
         check("A(b: \"x|\n c: \"y\")", "A(b#0 Text `x`");
         check("A(b: \"x\r\n c: \"y|\")", "A(c#0 Text `y`");

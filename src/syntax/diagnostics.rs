@@ -10,21 +10,21 @@ use escape::sanitize_same_length;
 pub use escape::{escape_json, sanitize, sanitize_line};
 
 impl Diagnostic {
-    /// Renders the diagnostic as the command line prints it: with source lines, and with terminal colors if `color` is set. Visible symbols
+    /// Renders the diagnostic as the command line prints it, with source lines. Uses terminal colors if `color` is set. Visible symbols
     /// replace control characters.
     pub fn to_text(&self, color: bool) -> String {
         render(self, color, None)
     }
 }
 
-/// Renders a diagnostic with its source lines. If `width` is given, longer lines are truncated around the span.
+/// Renders a diagnostic with its source lines. Lines longer than `width` columns are truncated around the span.
 pub fn render(diagnostic: &Diagnostic, color: bool, width: Option<usize>) -> String {
     let renderer = if color { Renderer::styled() } else { Renderer::plain() };
     let renderer = width.map_or(renderer.clone(), |width| renderer.term_width(width));
     renderer.render(&[snippet(diagnostic)])
 }
 
-/// Builds the snippet of a diagnostic. All its texts are sanitized, because names and lines may come from untrusted files.
+/// Builds the snippet of a diagnostic. All texts in it are sanitized, because names and lines may come from untrusted files.
 fn snippet(diagnostic: &Diagnostic) -> Group<'_> {
     let level = match diagnostic.severity {
         Severity::Error => Level::ERROR,
@@ -61,7 +61,7 @@ fn snippet(diagnostic: &Diagnostic) -> Group<'_> {
             };
             match (both, shown_lines(text, &[*span])) {
                 (Some(shown), _) => snippet = snippet.annotation(context(shown)),
-                // The two spans are too far apart for one snippet.
+                // The note is too far from the span for one snippet, so show it in its own snippet.
                 (None, Some(shown)) => other = Some(part(shown).annotation(context(shown))),
                 (None, None) => {}
             }
@@ -84,7 +84,7 @@ fn snippet(diagnostic: &Diagnostic) -> Group<'_> {
     group.elements(uses.map(|text| Level::NOTE.message(sanitize_line(&text).into_owned())))
 }
 
-/// The maximum length in bytes of the lines that are shown with a diagnostic. Annotating longer lines takes too long.
+/// Maximum length in bytes of the source lines that are shown with a diagnostic. Annotating longer lines takes too long.
 const MAX_EXCERPT: usize = 4096;
 
 /// Returns the span of the whole lines that contain all `spans`. `None` if that span is longer than [`MAX_EXCERPT`].
@@ -96,7 +96,7 @@ fn shown_lines(text: &str, spans: &[Span]) -> Option<Span> {
     (end - start <= MAX_EXCERPT).then_some(Span { start, end })
 }
 
-/// Returns the end of that part of a span that is on the span's first line. Only that part is annotated.
+/// Returns the end of the annotated part of a span: the part on the span's first line.
 fn first_line_end(span: Span, text: &str) -> usize {
     let newline = text[span.start..].find('\n');
     newline.map_or(span.end, |newline| span.end.min(span.start + newline))

@@ -1,4 +1,4 @@
-//! Reports duplicate names.
+//! Reports duplicate names in maps and calls.
 
 use std::collections::BTreeMap;
 
@@ -7,12 +7,12 @@ use super::spelling::{file_key, same_file_message};
 use super::tree::{Field, Tree};
 use crate::error::{Span, code};
 
-/// Reports each key of a map that already occurred in the map. `what` is the kind of key, for messages.
+/// Reports each key of a map that occurs earlier in the map. `what` is the kind of key, for messages.
 pub fn duplicate_keys(entries: &[(Tree, Tree)], what: &str) -> Vec<LocalDiagnostic> {
     find_duplicates(entries.iter().filter_map(|(key, _)| Some((key.text()?, key.span))), what)
 }
 
-/// Reports each key of a map that names the same file as another key on macOS or Windows. `what` is the kind of key, for messages.
+/// Reports each key of a map that refers to the same file as an earlier key on macOS or Windows. `what` is the kind of key, for messages.
 pub fn duplicate_files(entries: &[(Tree, Tree)], what: &str) -> Vec<LocalDiagnostic> {
     let mut seen: BTreeMap<String, (&str, Span)> = BTreeMap::new();
     let names = entries.iter().filter_map(|(key, _)| Some((key.text()?, key.span)));
@@ -29,7 +29,7 @@ pub fn duplicate_files(entries: &[(Tree, Tree)], what: &str) -> Vec<LocalDiagnos
     again.collect()
 }
 
-/// Reports each field that already occurred in the same value.
+/// Reports each field that occurs earlier in the same value.
 pub fn duplicate_fields(fields: &[Field]) -> Vec<LocalDiagnostic> {
     find_duplicates(fields.iter().map(|field| (&field.name.text[..], field.name.span)), "field")
 }

@@ -8,8 +8,8 @@ use serde_json::json;
 
 /// An error of a node or a file format. It has no position; the engine adds one.
 ///
-/// The operator `?` converts any error type to it, and [`bail!`](crate::bail) returns one with a message. Messages are lower case, without a
-/// full stop, and do not name the node. Define an error type only if some code matches on its variants.
+/// The operator `?` converts any error type to `Error`, and [`bail!`](crate::bail) returns an `Error` with a message. Messages are lower
+/// case, without a full stop, and do not name the node. Define an error type of your own only if some code matches on its variants.
 #[derive(Clone)]
 pub struct Error {
     cause: Arc<dyn std::error::Error + Send + Sync>,
@@ -18,12 +18,12 @@ pub struct Error {
 }
 
 impl Error {
-    /// Creates an error that is a message only.
+    /// Creates an error that consists of a message.
     pub fn new(message: impl Into<String>) -> Self {
         MessageError(message.into()).into()
     }
 
-    /// Returns the original error, if its type is `E`.
+    /// Returns the original error if its type is `E`. Otherwise `None`.
     pub fn downcast<E: std::error::Error + 'static>(&self) -> Option<&E> {
         self.cause.downcast_ref()
     }
@@ -61,12 +61,12 @@ impl fmt::Debug for Error {
     }
 }
 
-/// An error that is a message only.
+/// An error that consists of a message.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 struct MessageError(String);
 
-/// Returns an [`Error`](crate::error::Error) with a message from the function. The arguments are those of `format!`.
+/// Returns an [`Error`](crate::error::Error) with a message from the enclosing function. The arguments are those of `format!`.
 #[macro_export]
 macro_rules! bail {
     ($($message:tt)+) => {
@@ -128,7 +128,7 @@ impl Position {
     }
 }
 
-/// Converts byte offsets to positions. The starts of the lines are computed only once per text.
+/// Converts byte offsets to positions. The line starts of a text are computed once, at the first conversion.
 #[derive(Default)]
 pub struct LineIndex {
     source: Option<Arc<Source>>,
@@ -145,7 +145,7 @@ impl LineIndex {
         }
         let line = self.starts.partition_point(|start| *start <= at);
         let start = self.starts[line - 1];
-        // Characters are counted within one line only.
+        // Only the characters of one line must be counted.
         let Position { column, .. } = Position::from_offset(&source.text[start..], at - start);
         Position { line, column }
     }
@@ -157,10 +157,10 @@ pub fn panic_message(panic: &(dyn std::any::Any + Send)) -> String {
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "no message".into())
 }
 
-/// The maximum number of diagnostics that are reported at a time. Beyond that number, no suggestions are computed.
+/// Maximum number of diagnostics that are reported at a time. No suggestions are computed for further ones.
 pub const MAX_REPORTED: usize = 100;
 
-/// The name and text of a graph file, for messages.
+/// The path and text of a graph file, for messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Source {
     /// The path of the file, as the user wrote it.
@@ -168,12 +168,12 @@ pub struct Source {
     pub text: String,
 }
 
-/// A use of a graph by another graph. A diagnostic in a used graph has the list of uses that lead to it.
+/// A node that uses another graph. A diagnostic in a used graph lists the nodes that lead to that graph.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Use {
-    /// The name of the node that uses the graph. If no node uses it, the name of the node type.
+    /// The name of the node. If no node uses the graph, the name of the node type that the section `use` declares.
     pub name: String,
-    /// The file that contains the use.
+    /// The file that contains the node; `span` is a position in that file.
     pub source: Arc<Source>,
     pub span: Span,
 }
@@ -206,20 +206,21 @@ pub struct Diagnostic {
     pub source: Arc<Source>,
     pub span: Span,
     pub message: String,
-    /// The help text: a proposed remedy. It may be empty.
+    /// A proposed remedy. May be empty.
     pub help: String,
-    /// The edits of the file that fix the error, if there is exactly one way to fix it. Each span is replaced by its text.
+    /// The edits of the file that fix the error, if there is exactly one way to fix it. Each edit replaces a span by a text. Otherwise
+    /// empty.
     pub fix: Vec<(Span, String)>,
-    /// A second span in the same file that explains the diagnostic, with a label.
+    /// A second span in the same file that helps to explain the diagnostic, and a label for the span.
     pub note: Option<(Span, String)>,
-    /// The uses that lead to the diagnostic, if it is in a used graph, from the outermost one.
+    /// For a diagnostic in a used graph: the path from the root graph to that graph, outermost use first.
     pub uses: Vec<Use>,
-    /// The elements of a value that cause the error, such as edges with one face. Each has a point in mm.
+    /// Elements of a value that cause the error, such as edges with one face. Each has a description and a point in mm.
     pub elements: Vec<(String, [f64; 3])>,
 }
 
-/// Merges the diagnostics of a check with those of the run that followed it. If both report the same error with different severities, only
-/// that of the run is kept.
+/// Merges the diagnostics of a check with those of the evaluation that followed. If both report the same error with different severities,
+/// only that of the evaluation is kept.
 pub fn merge_diagnostics(mut checked: Vec<Diagnostic>, run: Vec<Diagnostic>) -> Vec<Diagnostic> {
     fn is_repeated(diagnostic: &Diagnostic, run: &[Diagnostic]) -> bool {
         run.iter().any(|other| {
@@ -231,7 +232,7 @@ pub fn merge_diagnostics(mut checked: Vec<Diagnostic>, run: Vec<Diagnostic>) -> 
     checked
 }
 
-/// The codes of diagnostics. The meaning of a code must never change.
+/// The codes of diagnostics. Each code must keep its meaning forever.
 pub mod code {
     /// The text is not RON.
     pub const SYNTAX: &str = "G001";
@@ -263,9 +264,9 @@ pub mod code {
     pub const OUTSIDE: &str = "G014";
     /// No file format can hold the value of an output.
     pub const OUTPUT_FORMAT: &str = "G015";
-    /// A node failed.
+    /// A node returned an error.
     pub const FAILED: &str = "G016";
-    /// A node warns about its result.
+    /// A node returned a warning about its result.
     pub const WARNING: &str = "G017";
     /// A node panicked, which is a bug of the program.
     pub const PANIC: &str = "G018";
@@ -286,7 +287,7 @@ pub mod code {
 }
 
 impl Diagnostic {
-    /// Creates a diagnostic without help, fix, note, uses and elements.
+    /// Creates a diagnostic without help, fix, note, uses or elements.
     pub fn new(
         severity: Severity,
         code: &'static str,
@@ -307,8 +308,7 @@ impl Diagnostic {
         }
     }
 
-    /// Returns the text of the file after the fix has been applied. `None` if there is no fix, or if the spans of the fix do not fit the
-    /// text.
+    /// Returns the text of the file with the fix applied. `None` if there is no fix, or if a span of the fix is outside of the text.
     pub fn apply_fix(&self) -> Option<String> {
         let mut edits = self.fix.clone();
         edits.sort_by_key(|(span, _)| (span.start, span.end));

@@ -1,4 +1,4 @@
-//! Finds the schema for a position within a value, by the path that leads to the position.
+//! Finds the schema of a part of a value, given the path from the value to the part.
 
 use std::borrow::Cow;
 
@@ -6,14 +6,14 @@ use serde_json::Value as Json;
 
 use super::schema_path::{resolve_field, variants};
 
-/// The value that a schema expects at a position.
+/// The value that a schema expects at a certain path.
 #[derive(Clone)]
 pub struct ExpectedValue<'a> {
-    /// The name of the field that is the value or contains it.
+    /// The name of the innermost field around the value.
     pub field: Cow<'a, str>,
     /// The schema of the value. References are resolved, and the `null` of an optional field is removed.
     pub schema: Cow<'a, Json>,
-    /// The unit of the numbers in the value. The items of a list have the unit of the list.
+    /// The unit of the numbers in the value, if the schema states one. Items of a list have the unit of the list.
     pub unit: Option<String>,
     pub root: &'a Json,
 }
@@ -43,8 +43,8 @@ impl<'a> ExpectedValue<'a> {
         self.descend(|schema| schema.get("additionalProperties"))
     }
 
-    /// Returns the expected content of the parentheses after a name, such as the name of an enum variant. `Some` does not change the
-    /// expected value.
+    /// Returns the expected content of the parentheses after a name, such as the name of an enum variant. For the name `Some`, this is the
+    /// expected value itself.
     pub fn variant_content(&self, name: &str) -> Option<Self> {
         match content(&self.schema, name) {
             Some(_) => self.descend(|schema| content(schema, name)?),
@@ -52,8 +52,8 @@ impl<'a> ExpectedValue<'a> {
         }
     }
 
-    /// Returns the expected value of an item in the parentheses after a name: an item of the content if that is a tuple, and otherwise the
-    /// content itself.
+    /// Returns the expected value of an item in the parentheses after a name. If the content is a tuple, this is an item of the tuple.
+    /// Otherwise it is the content itself.
     pub fn argument(&self, index: usize) -> Option<Self> {
         match self.schema.get("prefixItems") {
             Some(_) => self.item(index),
@@ -80,12 +80,12 @@ impl<'a> ExpectedValue<'a> {
         is_fixed && self.item(0).is_some_and(|item| item.is_number())
     }
 
-    /// Selects a part of the schema, for a value that belongs to the same field.
+    /// Selects a part of the schema that belongs to the same field.
     fn descend(&self, pick: impl Fn(&Json) -> Option<&Json>) -> Option<Self> {
         self.step(self.field.clone(), self.unit.as_ref(), pick)
     }
 
-    /// Selects a part of the schema. The part is borrowed where possible.
+    /// Selects a part of the schema. Borrows the part if possible, and clones it otherwise.
     fn step(
         &self,
         field: Cow<'a, str>,
@@ -101,8 +101,8 @@ impl<'a> ExpectedValue<'a> {
     }
 }
 
-/// Returns the schema of the parentheses of an enum variant. The outer `None` means that the variant does not exist, the inner `None` that
-/// it has no parentheses.
+/// Returns the schema of the content of an enum variant's parentheses. Returns `None` if the variant does not exist, and `Some(None)` if it
+/// has no parentheses.
 fn content<'s>(schema: &'s Json, name: &str) -> Option<Option<&'s Json>> {
     let choice = variants(schema).into_iter().find(|(choice, _)| *choice == name);
     choice.map(|(_, content)| content)

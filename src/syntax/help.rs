@@ -1,7 +1,7 @@
-//! The help of a diagnostic: a text, and an edit that fixes the error if there is exactly one way.
+//! The help of a diagnostic: a text, and an edit that fixes the error if exactly one edit does.
 //!
-//! The code that finds an error determines the edit, which is never derived from the message. `check --fix`, editors and the live page
-//! apply the edit unchanged. A fix may reveal further errors, such as those in the fields of a node whose type was unknown.
+//! The edit comes from the code that finds the error, and is not derived from the message. `check --fix`, editors and the live page apply
+//! it unchanged. A fix may reveal further errors, such as those in the fields of a node whose type was unknown.
 
 use std::fmt;
 
@@ -11,18 +11,19 @@ use crate::error::Span;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Help {
     text: String,
-    /// The edit. `None` if no edit, or more than one edit, would fix the error.
+    /// The edit that fixes the error. `None` if no edit, or more than one, would fix it.
     fix: Option<Box<Fix>>,
 }
 
 /// An edit that fixes an error.
 #[derive(Clone, Debug, PartialEq)]
 enum Fix {
-    /// Replaces the name `from` within the span of the diagnostic.
+    /// Replaces the name `from` by `to`. The name is within the span of the diagnostic.
     Rename { from: String, to: String },
-    /// Replaces each span in the list by the text next to it.
+    /// Replaces each span by the text paired with it.
     Edits(Vec<(Span, String)>),
-    /// Adds a link at a port. The source of the link is chosen later among the nodes of the graph.
+    /// Adds a link to the port `port`, which takes values of the types `wants`. The source of the link is chosen later among the graph's
+    /// nodes.
     Link { port: String, wants: Vec<String> },
 }
 
@@ -31,22 +32,22 @@ impl Help {
         Self { text: words, fix: Some(Box::new(fix)) }
     }
 
-    /// Creates a help with one edit.
+    /// Creates a help whose fix replaces a span by a text.
     pub fn edit(words: impl Into<String>, span: Span, text: impl Into<String>) -> Self {
         Self::new(words.into(), Fix::Edits(vec![(span, text.into())]))
     }
 
-    /// Creates a help that replaces a name.
+    /// Creates a help whose fix replaces a name.
     pub fn rename(words: String, from: &str, to: &str) -> Self {
         Self::new(words, Fix::Rename { from: from.to_owned(), to: to.to_owned() })
     }
 
-    /// Creates a help that adds a link at a port that takes values of the types `wants`.
+    /// Creates a help whose fix adds a link to a port, which takes values of the types `wants`.
     pub(crate) fn link(words: String, port: &str, wants: Vec<String>) -> Self {
         Self::new(words, Fix::Link { port: port.to_owned(), wants })
     }
 
-    /// Returns the port that lacks a link, and the types of values that the port takes.
+    /// If the fix adds a link: returns the port, and the types of values that it takes. Otherwise `None`.
     pub fn missing_link(&self) -> Option<(&str, &[String])> {
         match self.fix.as_deref()? {
             Fix::Link { port, wants } => Some((port, wants)),
@@ -54,7 +55,7 @@ impl Help {
         }
     }
 
-    /// Returns the new name, if the fix renames something.
+    /// Returns the new name if the fix replaces a name. Otherwise `None`.
     pub fn suggested_name(&self) -> Option<&str> {
         match self.fix.as_deref()? {
             Fix::Rename { to, .. } => Some(to),
@@ -76,7 +77,7 @@ impl Help {
         self.text.is_empty()
     }
 
-    /// Returns the edits that fix the diagnostic at `span`. Empty if there is no unambiguous fix.
+    /// Returns the edits that fix the diagnostic at `span`. Empty if there is no fix, or if it is ambiguous.
     pub(crate) fn edits(&self, text: &str, span: Span) -> Vec<(Span, String)> {
         match self.fix.as_deref() {
             None | Some(Fix::Link { .. }) => Vec::new(),
@@ -94,7 +95,7 @@ impl Help {
         }
     }
 
-    /// Maps the spans of the edits. If one of the spans is mapped to `None`, the fix is removed.
+    /// Maps the spans of the edits by the function `place`. If it returns `None` for a span, the fix is removed.
     pub(crate) fn map_spans(self, place: impl Fn(Span) -> Option<Span>) -> Self {
         let Some(Fix::Edits(edits)) = self.fix.as_deref() else { return self };
         let moved = edits.iter().map(|(span, text)| Some((place(*span)?, text.clone())));
@@ -103,7 +104,7 @@ impl Help {
     }
 }
 
-/// Returns the offset of a name in a text, if the text contains the name exactly once.
+/// Returns the byte offset of a name that occurs exactly once in a text. Otherwise `None`.
 fn find_single(text: &str, name: &str) -> Option<usize> {
     fn is_part(c: char) -> bool {
         c.is_alphanumeric() || c == '_'

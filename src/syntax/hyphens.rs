@@ -1,7 +1,7 @@
-//! Reports field names that contain hyphens, like the names for which the fields stand.
+//! Reports field names that contain hyphens. The names of inputs and parameters have hyphens, and their fields have underscores instead.
 //!
-//! In RON, names of fields cannot contain hyphens. Names of nodes, inputs and parameters cannot contain underscores. So an underscore in a
-//! field stands for a hyphen, and each spelling has exactly one meaning.
+//! In RON, field names cannot contain hyphens. In graphs, names of nodes, inputs and parameters cannot contain underscores. So an
+//! underscore in a field name always represents a hyphen.
 
 use ronin_core::SyntaxKind;
 
@@ -9,7 +9,7 @@ use super::help::Help;
 use super::parser::{SyntaxError, Token};
 use crate::error::Span;
 
-/// Reports fields that are written with hyphens: `eye-step: 3`.
+/// Reports fields whose names contain hyphens, such as `eye-step: 3`.
 pub(super) fn hyphened_fields(text: &str, tokens: &[(SyntaxKind, Span)]) -> Vec<SyntaxError> {
     let mut last = None;
     let mut errors = Vec::new();

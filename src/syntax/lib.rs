@@ -1,13 +1,13 @@
-//! The text of graph files. RON is parsed to a tree of values with positions, and diagnostics show the lines that they concern.
+//! Reads the text of graph files: parses RON to a tree of values with positions, and renders diagnostics with the source lines.
 //!
 //! [`parse`] parses a text to a [`Tree`]. [`Walk`] checks a tree against a JSON schema and reports every error at its position.
 //! [`read_tree`] deserializes a tree with serde. [`error`] defines errors and diagnostics, [`diagnostics`] renders diagnostics with source
 //! lines, and [`paths`] decides which files a graph may read and write.
 //!
-//! Begin reading in `tree.rs`, then `tree_reader.rs` (text to tree) and `schema.rs`. Only `parser.rs` and `tree_reader.rs` use the
-//! parser library.
+//! Start reading in `tree.rs`, then `tree_reader.rs` (text to tree) and `schema.rs`. Only `parser.rs` and `tree_reader.rs` use the parser
+//! library.
 //!
-//! This crate depends on values, but not on nodes, graphs or commands.
+//! This crate depends on the crate of values, but not on those of nodes, graphs and commands.
 
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 

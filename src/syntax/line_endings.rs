@@ -16,7 +16,7 @@ impl LineEnding {
     pub fn detect(text: &str) -> Option<Self> {
         let [feeds, returns, both] = ["\n", "\r", "\r\n"].map(|end| text.matches(end).count());
         match (feeds, returns) {
-            // A carriage return may also be a mere space character.
+            // A single carriage return may also occur in the middle of a line, as a space character.
             (_, 0) => Some(Self::Unix),
             (0, _) => Some(Self::Mac),
             _ if both == 0 => Some(Self::Unix),
@@ -33,12 +33,12 @@ impl LineEnding {
         }
     }
 
-    /// Converts the line endings of a text from this one to `\n`.
+    /// Converts the line endings of a text from `self` to `\n`.
     pub fn normalize(self, text: &str) -> String {
         text.replace(self.sequence(), "\n")
     }
 
-    /// Converts the line endings of a text from `\n` to this one.
+    /// Converts the line endings of a text from `\n` to `self`.
     pub fn apply(self, text: String) -> String {
         match self {
             Self::Unix => text,

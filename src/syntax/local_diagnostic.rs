@@ -1,11 +1,11 @@
-//! A diagnostic at a span of a text, before the file of the text is known.
+//! A diagnostic at a span of a text, for code that does not know the file of the text.
 
 use std::sync::Arc;
 
 use super::help::Help;
 use crate::error::{Diagnostic, Severity, Source, Span, code};
 
-/// A diagnostic without its file.
+/// A diagnostic without its file and severity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LocalDiagnostic {
     pub code: &'static str,
@@ -26,10 +26,10 @@ impl LocalDiagnostic {
         Self { code, span, message: message.into(), help: help.into(), note: None }
     }
 
-    /// Adds the file. The severity is a warning for [`code::OUTDATED`], and an error otherwise.
+    /// Adds the file and the severity: a warning for [`code::OUTDATED`], an error for all other codes.
     pub fn into_diagnostic(self, source: &Arc<Source>) -> Diagnostic {
         let Self { code, span, message, help, note } = self;
-        // An old name still works, so it is not an error.
+        // Files with an outdated name still work.
         let severity = if code == code::OUTDATED { Severity::Warning } else { Severity::Error };
         Diagnostic {
             fix: help.edits(&source.text, span),

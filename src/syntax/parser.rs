@@ -1,8 +1,8 @@
 //! Parses the text of a graph file to a tree of values with positions.
 //!
 //! The parser is `ronin-core`, which keeps all bytes of the text and recovers from errors. Only this module and [`TreeReader`] use it. The
-//! result is a [`Tree`]. Compared with the parser's own tree it is easy to substitute values in a [`Tree`], to check it against a schema
-//! and to deserialize it.
+//! result is a [`Tree`]. A [`Tree`] is simpler than the parser's own tree: values can be replaced, checked against a schema and
+//! deserialized.
 
 use ronin_core::lexer::tokenize;
 use ronin_core::{SyntaxKind, SyntaxNode, TextRange};
@@ -23,21 +23,21 @@ pub struct SyntaxError {
     pub help: Help,
 }
 
-/// The message for a string that has no end.
+/// The message for a string without a closing quote.
 pub(super) const UNTERMINATED_STRING: &str = "unterminated text or unknown escape";
 
-/// The message for a comment that has no end.
+/// The message for a block comment that is not closed.
 pub(super) const UNTERMINATED_COMMENT: &str = "unterminated comment";
 
-/// The last words of the message for a surplus closing bracket.
+/// The end of the message for a surplus closing bracket.
 pub(super) const CLOSES_NOTHING: &str = " closes nothing";
 
-/// The maximum nesting depth of values. No node needs more, and the depth is far below one that overflows the stack of a thread.
+/// Maximum nesting depth of values. No node needs more, and this depth is far from overflowing the stack of a thread.
 ///
-/// The depth is checked before a text is parsed, so recursive code needs no limit of its own.
+/// The depth is checked before a text is parsed, so recursive code needs no depth limit of its own.
 pub const MAX_DEPTH: usize = 128;
 
-/// Splits a text into tokens that cover all of it. The lexer does not recurse, so every text is safe.
+/// Splits a text into tokens that cover all of it. The lexer is not recursive, so deep nesting cannot overflow the stack.
 pub(super) fn raw_tokens(text: &str) -> impl Iterator<Item = (SyntaxKind, Span)> + '_ {
     let mut end = 0;
     tokenize(text).into_iter().map(move |token| {
@@ -47,7 +47,7 @@ pub(super) fn raw_tokens(text: &str) -> impl Iterator<Item = (SyntaxKind, Span)>
     })
 }
 
-/// Returns the first token that is neither space nor comment. It shows the kind of the file: `Graph`, `Sweep` and so on.
+/// Returns the first token that is not space or a comment. This is the kind of the file, such as `Graph` or `Sweep`.
 pub fn first_word(text: &str) -> &str {
     use SyntaxKind::{BlockComment, Bom, LineComment, Whitespace};
     fn is_trivia(kind: SyntaxKind) -> bool {
@@ -57,8 +57,8 @@ pub fn first_word(text: &str) -> &str {
     first.map_or("", |(_, at)| &text[at.start..at.end])
 }
 
-/// Returns the first bracket that exceeds [`MAX_DEPTH`]. A bracket that is closed by a bracket of another kind counts as open, because the
-/// parser may treat it as open. The parser's own limit does not cover all of its recursion.
+/// Returns the first bracket that is nested deeper than [`MAX_DEPTH`]. A bracket counts as open until it is closed by the right kind of
+/// bracket, because the parser may treat it as open. The parser has a limit of its own, but not for all of its recursive functions.
 fn too_deep(mut tokens: impl Iterator<Item = (SyntaxKind, Span)>) -> Option<Span> {
     use SyntaxKind::{LBrace, LBracket, LParen, RBrace, RBracket, RParen};
     let mut open = Vec::new();
@@ -79,7 +79,7 @@ fn too_deep(mut tokens: impl Iterator<Item = (SyntaxKind, Span)>) -> Option<Span
     })
 }
 
-/// Parses a text. Returns the value of the text, as far as it can be read, and all syntax errors.
+/// Parses a text. Returns the readable part of its value, and all syntax errors.
 pub fn parse(text: &str) -> (Tree, Vec<SyntaxError>) {
     let tokens = raw_tokens(text).collect::<Vec<_>>();
     if let Some(span) = too_deep(tokens.iter().copied()) {
@@ -96,16 +96,16 @@ pub fn parse(text: &str) -> (Tree, Vec<SyntaxError>) {
         .collect();
     let hyphened = if errors.is_empty() { Vec::new() } else { hyphened_fields(text, &tokens) };
     for field in hyphened {
-        // The parser also reports errors at the hyphens of the field's name. They are dropped.
+        // Drop the parser's own errors at the hyphens of the field's name.
         let Span { start, end } = field.span;
         errors.retain(|error| !(start..=end).contains(&error.span.start));
         errors.push(field);
     }
-    // An unterminated string or comment extends to the end of the text. The error for that is reported below.
+    // An unterminated string or comment extends to the end of the text. Its error is reported below.
     let ends_unterminated = ends_unterminated(text, &tokens);
     let mut unclosed_bracket = unclosed_bracket(text, &tokens);
     if let Some(unclosed) = &unclosed_bracket {
-        // Later errors of the parser are consequences of the unclosed bracket.
+        // Drop later errors of the parser, which are consequences of the unclosed bracket.
         errors.retain(|error| error.span.end <= unclosed.span.start);
     }
     errors.extend(unclosed_bracket.take_if(|_| !ends_unterminated));
@@ -156,7 +156,7 @@ pub fn parse(text: &str) -> (Tree, Vec<SyntaxError>) {
             errors.retain(|error| error.span.start < last.start || is_of_end(error));
         }
     }
-    // All other errors are consequences of the conflict markers.
+    // If the text has conflict markers, all other errors are consequences of them.
     if !errors.is_empty()
         && let Some(marks) = conflict_error(text)
     {
@@ -166,7 +166,7 @@ pub fn parse(text: &str) -> (Tree, Vec<SyntaxError>) {
     (tree, errors)
 }
 
-/// Returns true for an attribute `#![enable(..)]` with extensions of RON. None of them changes the meaning of a graph.
+/// Returns true for an attribute `#![enable(..)]` that enables extensions of RON. These extensions do not change the meaning of a graph.
 fn is_known_extension(node: &SyntaxNode) -> bool {
     const KNOWN: [&str; 4] =
         ["implicit_some", "unwrap_newtypes", "unwrap_variant_newtypes", "explicit_struct_names"];
@@ -178,7 +178,7 @@ fn is_known_extension(node: &SyntaxNode) -> bool {
         && words.all(|word| KNOWN.contains(&&word[..]))
 }
 
-/// Reports space characters that RON does not allow, and comments without an end. A byte order mark at the start of the text is ignored.
+/// Reports space characters that RON does not allow, and comments that are not closed. Ignores a byte order mark at the start of the text.
 fn invalid_space_errors(text: &str, tokens: &[(SyntaxKind, Span)]) -> Vec<SyntaxError> {
     fn is_space(c: char) -> bool {
         c.is_ascii_whitespace() || "\u{b}\u{85}\u{200e}\u{200f}\u{2028}\u{2029}".contains(c)
@@ -218,7 +218,7 @@ fn ends_unterminated(text: &str, tokens: &[(SyntaxKind, Span)]) -> bool {
     }
 }
 
-/// Returns true if a block comment is terminated. Block comments may be nested.
+/// Returns true if a block comment is closed. Block comments may be nested.
 fn is_closed(comment: &str) -> bool {
     let (mut depth, mut rest) = (0usize, comment);
     while !rest.is_empty() {
@@ -236,7 +236,7 @@ fn is_closed(comment: &str) -> bool {
     depth == 0
 }
 
-/// The kind of a token, as far as it matters for the layout of a text.
+/// The kind of a token, for code that changes the layout of a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Token {
     Space,
@@ -271,8 +271,8 @@ impl Token {
     }
 }
 
-/// Parses a text and prints it again. The result has the same bytes, even if the text has errors. A text that is nested too deep is
-/// returned as it is.
+/// Parses a text and prints it again. The result has the same bytes, even if the text has errors. A text that is nested deeper than
+/// `MAX_DEPTH` is returned unchanged.
 pub fn reprint(text: &str) -> String {
     match too_deep(raw_tokens(text)) {
         None => ronin_core::print(&ronin_core::parse(text)),
@@ -280,7 +280,7 @@ pub fn reprint(text: &str) -> String {
     }
 }
 
-/// Rewords an error of the parser so that the message also names the token that was found.
+/// Rewords an error of the parser. The new message includes the token that was found.
 fn explain(text: &str, found: Span, message: &str) -> SyntaxError {
     let found_text = text.get(found.start..found.end).unwrap_or_default();
     let (message, help): (String, Help) = if message.contains("trailing") {
@@ -329,7 +329,7 @@ fn missing_comma(text: &str, found: Span) -> Help {
 
 pub(super) const REMOVE_HELP: &str = "remove it";
 
-/// Reports missing and surplus commas and colons that the parser itself accepts.
+/// Reports missing and surplus commas and colons that the parser does not report.
 fn separator_errors(tokens: &[(SyntaxKind, Span)], root: &SyntaxNode) -> Vec<SyntaxError> {
     use SyntaxKind::{Colon, Comma, Ident, LBrace, LBracket, LParen, RBrace, RBracket, RParen};
     let extensions = root.children().filter(|node| node.kind() == SyntaxKind::ExtensionAttr);
@@ -399,8 +399,8 @@ fn unclosed_bracket(text: &str, tokens: &[(SyntaxKind, Span)]) -> Option<SyntaxE
     Some(SyntaxError { span: opened, message, help: closing_help(text, opened, closer(opener).1) })
 }
 
-/// Proposes to insert a missing closing bracket. If the line after the opening bracket is not indented deeper, the closing bracket is
-/// inserted at the end of the line with the opening one.
+/// Proposes to insert a missing closing bracket. If the next line is indented no deeper than the line of the opening bracket, the bracket
+/// is inserted at the end of that line.
 pub(super) fn closing_help(text: &str, opened: Span, closer: char) -> Help {
     let words = format!("add the missing `{closer}`");
     fn depth(line: &str) -> usize {
@@ -410,7 +410,7 @@ pub(super) fn closing_help(text: &str, opened: Span, closer: char) -> Help {
     let mut lines = text[start..].lines();
     let line = lines.next().unwrap_or_default();
     let next = lines.find(|line| !line.trim().is_empty());
-    // The bracket must not become a part of a comment.
+    // Do not insert the bracket after a comment, because it would become part of a line comment.
     let code = tokens(line).into_iter().filter(|(token, _)| !matches!(token, Token::Space));
     let end = match code.collect::<Vec<_>>()[..] {
         [.., (Token::LineComment | Token::BlockComment, _)] => None,
@@ -445,7 +445,7 @@ mod tests {
 
     #[test]
     fn deep_nesting_of_anything_is_one_error_at_its_position() {
-        // The stack is as small as that of a worker thread.
+        // Use a thread with the stack size of a worker thread.
         let worker = std::thread::Builder::new().stack_size(2 << 20);
         let all = worker.spawn(|| {
             for (open, close) in [

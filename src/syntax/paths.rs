@@ -1,4 +1,4 @@
-//! Access rules: which files a graph may read, and to which names it may write.
+//! Access rules: the files that a graph may read, and the names that it may give to output files.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -7,7 +7,7 @@ use crate::{Help, nearest};
 /// The file that marks the root of a project.
 pub const MARKER: &str = "maquette.toml";
 
-/// Returns the nearest ancestor folder that contains `maquette.toml`. If there is none, returns the folder of the graph.
+/// Returns the nearest ancestor folder that contains `maquette.toml`. If there is none, returns `folder`, the folder of the graph.
 pub fn project_root(folder: &Path) -> PathBuf {
     let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
     let root = folder.ancestors().find(|above| above.join(MARKER).is_file());
@@ -21,7 +21,7 @@ pub enum PathError {
     Missing { message: String, help: Help },
 }
 
-/// Checks that a graph may read the file `resolved`, for which the graph has written the path `given`. The file is not opened.
+/// Checks that a graph may read the file `resolved`. `given` is the path as the graph contains it. The file is not opened.
 pub fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Result<(), PathError> {
     fn outside_error(what: &str, given: &str, roots: &[PathBuf]) -> PathError {
         PathError::Outside {
@@ -65,7 +65,7 @@ pub fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Result<(), P
     }
 }
 
-/// Suggests the file in the same folder whose name is most similar.
+/// Suggests the most similar file name in the folder of a missing file.
 fn suggest_file(path: &Path) -> Help {
     let folder = path.parent().filter(|folder| *folder != Path::new(""));
     let folder = folder.unwrap_or(Path::new("."));
@@ -94,7 +94,7 @@ pub fn without_dots(path: &Path) -> PathBuf {
     clean
 }
 
-/// Returns the folder of a file, without symbolic links and dots. The file need not exist yet.
+/// Returns the folder of a file, without symbolic links and without `.` and `..`. The file need not exist.
 pub fn folder_of_new(file: &Path) -> PathBuf {
     let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     let folder = file.parent().unwrap_or(&file);
@@ -106,7 +106,7 @@ pub fn folder_of_new(file: &Path) -> PathBuf {
     without_dots(&real.join(folder.strip_prefix(there).unwrap_or(Path::new(""))))
 }
 
-/// Returns the relative path from a folder to a file. Both paths must be free of dots.
+/// Returns the relative path from a folder to a file. Neither path may contain `.` or `..`.
 pub fn path_between(folder: &Path, file: &Path) -> String {
     let common = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
     let up = folder.components().skip(common).map(|_| "..".to_owned());
@@ -126,7 +126,7 @@ pub fn relative_to_root(root: &Path, path: &Path) -> String {
     parts.collect::<Vec<_>>().join("/")
 }
 
-/// Returns true if the name of an output is a path inside of the folder for outputs.
+/// Returns true if the name of an output file is a path inside of the output folder.
 pub fn is_inside_output_folder(name: &str) -> bool {
     !name.is_empty()
         && !name.contains(['\\', '\0'])

@@ -1,4 +1,4 @@
-//! Files of plain data, such as locks. They have no comments that must be kept, so the crate `ron` writes and reads them.
+//! Files of plain data, such as locks. Their comments need not be preserved, so the crate `ron` writes and reads them.
 
 use ron::Options;
 use ron::extensions::Extensions;
@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 
 use crate::error::Span;
 
-/// Formats plain data as `NAME(..)` after a line with a comment. Values at a depth greater than `depth` are written on one line.
+/// Formats data as a line with the comment, followed by `NAME(..)`. Values nested deeper than `depth` are written on one line.
 pub fn format_plain_data(comment: &str, name: &str, depth: usize, data: &impl Serialize) -> String {
     let config = PrettyConfig::new().new_line("\n").depth_limit(depth).escape_strings(false);
     let text =
@@ -16,7 +16,7 @@ pub fn format_plain_data(comment: &str, name: &str, depth: usize, data: &impl Se
     format!("// {comment}\n{name}{text}\n")
 }
 
-/// Reads plain data. `Some` may be omitted around a value.
+/// Parses plain data. A value of type `Option` may be written without `Some`.
 ///
 /// # Errors
 /// The text is not RON, or does not have the type `T`. The error is the position and the reason.

@@ -1,7 +1,6 @@
 //! Deserializes the struct of a node from the tree of the node's call.
 //!
-//! [`super::schema`] must have checked the tree before. The only errors that remain are those of the type's own `Deserialize`
-//! implementation.
+//! The tree must have been checked by [`super::schema`]. The remaining errors are those of the type's own `Deserialize` implementation.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -12,25 +11,25 @@ use super::schema::FoundFile;
 use super::tree::{Body, Field, Kind, Tree};
 use crate::error::Span;
 
-/// The keys of the JSON objects that represent links and files in the serialized parameters of a node. No parameter can have such a key,
-/// because the name of a field contains no dollar sign.
+/// Keys of JSON objects that represent links and files in the serialized parameters of a node. They cannot be confused with parameters,
+/// because field names contain no dollar sign.
 pub const LINK: &str = "$link";
 pub const FILE: &str = "$file";
 
-/// Deserializes a node from a tree, with the links and files that the check of the tree has found.
+/// Deserializes a node from a tree, given the links and files that the check of the tree has found.
 pub struct Reader<'a> {
     pub tree: &'a Tree,
     pub links: &'a HashMap<Span, InputSlots>,
     pub files: &'a [FoundFile],
 }
 
-/// The input slots of a link. A link to the output of a `ForEach` has several slots.
+/// The input slots of a node that one link fills. A link to the output of a `ForEach` fills several slots.
 pub struct InputSlots {
     pub first: usize,
     pub count: usize,
 }
 
-/// The error of deserializing the fields of a node, with its position.
+/// An error of deserializing the fields of a node, with the position of the invalid value.
 #[derive(Debug)]
 pub struct ReadError {
     pub span: Option<Span>,
@@ -57,7 +56,7 @@ impl Reader<'_> {
     }
 }
 
-/// Deserializes a value without links and files.
+/// Deserializes a value that contains no links and no files.
 pub fn read_tree<T: DeserializeOwned>(tree: &Tree) -> Result<T, ReadError> {
     Reader { tree, links: &HashMap::new(), files: &[] }.read()
 }
@@ -66,7 +65,7 @@ pub fn read_tree<T: DeserializeOwned>(tree: &Tree) -> Result<T, ReadError> {
 struct Value<'a> {
     tree: &'a Tree,
     reader: &'a Reader<'a>,
-    /// The index of the next value among the values of a link.
+    /// For a link with several values, the index of the next value to be read.
     nth: usize,
 }
 
@@ -75,7 +74,7 @@ impl<'a> Value<'a> {
         Self { tree, nth: 0, ..self }
     }
 
-    /// Returns the number of values of the link at `tree`. For any other value, returns 1.
+    /// Returns the number of values to which the link at `tree` leads. For any value other than a link, returns 1.
     fn count(self, tree: &Tree) -> usize {
         if tree.text().is_none() {
             return 1;
@@ -83,7 +82,7 @@ impl<'a> Value<'a> {
         self.reader.links.get(&tree.span).map_or(1, |link| link.count)
     }
 
-    /// Adds the span of this value to an error, unless the error has a span already.
+    /// Adds the span of this value to an error that has no span.
     fn with_span<T>(self, result: Result<T, ReadError>) -> Result<T, ReadError> {
         result.map_err(|error| ReadError { span: error.span.or(Some(self.tree.span)), ..error })
     }
@@ -112,7 +111,7 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// Deserializes the parentheses of an enum variant, if there are any.
+    /// Deserializes the content of an enum variant's parentheses. The variant may have no parentheses.
     fn content<'de, V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
         match &self.tree.kind {
             Kind::Call { body, .. } => self.body(body, visitor),
@@ -136,8 +135,8 @@ impl<'a> Value<'a> {
     }
 }
 
-/// Returns true if a number is an integer that `i64` represents exactly. serde buffers the fields of a flattened struct before it knows
-/// their types. For an integer field it would then reject `2.0`.
+/// Returns true if a number should be passed to serde as an integer, which `i64` represents exactly. In a flattened struct, serde buffers
+/// fields before it knows their types, and would reject `2.0` for an integer field.
 fn is_whole(value: f64) -> bool {
     const MAX_EXACT: f64 = (1_u64 << 53) as f64;
     value.fract() == 0.0 && value.abs() <= MAX_EXACT && !(value == 0.0 && value.is_sign_negative())
@@ -187,7 +186,7 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
         let is_link = self.reader.links.contains_key(&self.tree.span);
         match &self.tree.kind {
-            // Where a list of links is expected, a single link is accepted.
+            // Accept a single link where a list of links is expected.
             Kind::Text(_) if is_link => self.items(std::slice::from_ref(self.tree), visitor),
             _ => self.deserialize_any(visitor),
         }
@@ -237,7 +236,7 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
 struct Items<'a> {
     value: Value<'a>,
     items: &'a [Tree],
-    /// The first item of a list is a link. The number is that of the link's values that have been read.
+    /// The first item of a list is a link. `nth` is the number of its values that have been read.
     nth: usize,
 }
 
@@ -358,8 +357,8 @@ impl<'de> de::VariantAccess<'de> for Value<'_> {
     }
 }
 
-/// The parentheses of an enum variant that contains a single struct. The fields of the struct are written directly in these parentheses. If
-/// a name has no parentheses, the fields have the struct's defaults.
+/// The content of the parentheses of an enum variant that contains a single struct. The fields of the struct are written directly in these
+/// parentheses. If the variant has no parentheses, all fields have their defaults.
 struct Content<'a>(Value<'a>);
 
 impl<'de> de::Deserializer<'de> for Content<'_> {
@@ -378,7 +377,7 @@ impl<'de> de::Deserializer<'de> for Content<'_> {
         self.0.content(visitor)
     }
 
-    // A struct with flattened fields asks serde for a map.
+    // serde asks for a map if the struct has flattened fields.
     fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
         self.0.content(visitor)
     }

@@ -1,7 +1,7 @@
 //! Recovers the value of a text that has syntax errors.
 //!
 //! The text is repaired and parsed again, and the positions of all values are mapped back to the original text. A repair may be wrong, so
-//! each repair records the part of the text that it makes uncertain.
+//! it records the part of the text whose value is uncertain.
 
 use std::collections::BTreeSet;
 
@@ -17,20 +17,20 @@ use super::repair::{Edit, Repair};
 use super::tree::{Body, Kind, Tree};
 use crate::error::Span;
 
-/// The value that was recovered from a text with syntax errors.
+/// The result of recovering a text with syntax errors.
 pub(crate) struct Recovery {
     pub tree: Tree,
-    /// All syntax errors, including errors that others hide from the parser.
+    /// All syntax errors, including those that the parser misses because of earlier errors.
     pub errors: Vec<SyntaxError>,
-    /// The uncertain parts of the text: their values may not be what the author meant.
+    /// Spans of the text whose values may not be those that the author meant.
     pub doubtful: Vec<Span>,
 }
 
-/// The maximum number of syntax errors in a text that is recovered. Each error costs a pass over the whole text.
+/// Maximum number of syntax errors in a text that can be recovered. Each error costs a pass over the whole text.
 const MAX_ERRORS: usize = 1000;
 
-/// Recovers the value of a text in which the parser has found the errors `found`. Returns `None` if the value cannot be recovered, or if
-/// there are more than [`MAX_ERRORS`] errors.
+/// Recovers the value of a text. `found` contains the errors that the parser has reported. Returns `None` if the value cannot be recovered,
+/// or if there are more than [`MAX_ERRORS`] errors.
 pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
     if conflict_error(text).is_some() || MAX_ERRORS < found.len() {
         return None;
@@ -43,7 +43,7 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
         .iter()
         .any(|it| [UNTERMINATED_STRING, UNTERMINATED_COMMENT].contains(&&it.message[..]));
     if !strings.is_empty() && !is_unterminated {
-        // All other errors of the parser are consequences of unterminated strings and comments.
+        // The other errors are consequences of the missing quotes, so drop them.
         errors = strings.iter().map(|(string, _)| missing_quote_error(*string)).collect();
     }
     let quotes: Vec<_> = strings.iter().map(|(_, edit)| edit.clone()).collect();
@@ -51,7 +51,7 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
     repair.apply(&quotes);
     let Brackets { edits: brackets, doubtful, errors: wrong, .. } =
         Brackets::analyze(&repair, text);
-    // If there are several wrong brackets, the parser reports only the first one.
+    // The parser reports only the first wrong bracket. Report the others too.
     if !wrong.is_empty() && !is_unterminated {
         fn is_wrong(known: &SyntaxError, wrong: &[SyntaxError]) -> bool {
             wrong.iter().any(|wrong| wrong.span == known.span)
@@ -65,11 +65,11 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
     }
     repair.mark_doubtful(&doubtful);
     repair.apply(&brackets);
-    // After an unclosed bracket or string the parser reports nothing more.
+    // The parser stops at an unclosed bracket or string. Parse the repaired text to find the errors after it.
     let is_hidden = !is_unterminated && (!quotes.is_empty() || !brackets.is_empty());
     let hidden = if is_hidden { parse(&repair.text).1 } else { Vec::new() };
     let Separators { edits, doubtful, strange } = Separators::analyze(&repair.text);
-    // All other errors of the parser in the present text are consequences of the errors that the edits fix.
+    // Of the errors in the repaired text, keep those at positions that `edits` fix. The others are consequences of them.
     fn first_affected(edit: &Edit, repair_text: &str) -> usize {
         let rest = &repair_text[edit.0.start..];
         repair_text.len() - rest.trim_start().len()
@@ -91,7 +91,7 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
     let narrow: Vec<_> = doubtful.iter().map(|span| repair.source_span(*span)).collect();
     repair.apply(&edits);
     let (mut tree, left) = parse(&repair.text);
-    // If a bracket was inserted at a wrong position, pieces without meaning remain.
+    // Unexpected tokens are left over if a bracket was inserted at a wrong position. The recovery has then failed.
     if tree.is_broken() || MAX_ERRORS < left.len() {
         return None;
     }
@@ -103,7 +103,7 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
     move_back(&mut tree, &repair);
     let doubtful = repair.doubtful.iter().map(|span| entry_around(&tree, *span).unwrap_or(*span));
     let doubtful: Vec<_> = doubtful.chain(narrow).collect();
-    // Errors inside of the uncertain parts of earlier steps are not reported.
+    // Do not report errors inside of parts that earlier repairs made uncertain.
     let left = left.iter().filter(|_| is_hidden).map(|error| map_to_source(&repair, error));
     let candidates =
         hidden.into_iter().map(|it| (it, of_brackets)).chain(left.map(|it| (it, of_signs)));
@@ -113,13 +113,13 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
             errors.push(error);
         }
     }
-    // Errors after the end of the value come from brackets that end the value too early. Only one of them is kept.
+    // A bracket that ends the value too early causes errors after the end of the value. Keep only one of them.
     errors.sort_by_key(|error| (is_after_end(error), error.span));
     errors.dedup_by(|it, _| is_after_end(it));
     Some(Recovery { tree, errors, doubtful })
 }
 
-/// Returns true if an error concerns a bracket that is not closed, or that closes nothing.
+/// Returns true if an error reports an unclosed bracket or a surplus closing bracket.
 fn is_about_bracket(error: &SyntaxError) -> bool {
     let message = &error.message;
     message.starts_with("this `")
@@ -169,7 +169,7 @@ fn move_back(tree: &mut Tree, repair: &Repair) {
     }
 }
 
-/// Returns the span of the entry, such as a node, of a section that contains `at`. If the field that contains `at` is not a section,
+/// Returns the span of the section entry, such as a node, that contains the offset of `at`. If the field around `at` is not a section,
 /// returns the span of the whole field.
 fn entry_around(tree: &Tree, at: Span) -> Option<Span> {
     fn entry_span(name: Span, value: &Tree) -> Span {
@@ -185,8 +185,8 @@ fn entry_around(tree: &Tree, at: Span) -> Option<Span> {
     entries.find(|entry| overlaps(*entry, at))
 }
 
-/// Returns the strings without a closing quote. With each comes an edit that inserts the quote after the last character on the line that
-/// may belong to the string.
+/// Returns the strings without a closing quote, each with an edit that inserts the quote. It is inserted after the last character on the
+/// line that may belong to the string.
 fn unclosed_strings(text: &str) -> Vec<(Span, Edit)> {
     let mut strings = Vec::new();
     for (kind, span) in recover_tokens(text) {
@@ -206,14 +206,14 @@ fn unclosed_strings(text: &str) -> Vec<(Span, Edit)> {
 #[derive(Default)]
 struct Separators {
     edits: Vec<Edit>,
-    /// The spans of parts whose name was guessed: the part may have another name or none.
+    /// Spans of parts whose name was guessed. Such a part may have another name, or no name.
     doubtful: Vec<Span>,
-    /// The spans of pieces of the text that have no meaning.
+    /// Spans of pieces of the text that could not be interpreted.
     strange: Vec<Span>,
 }
 
 impl Separators {
-    /// Finds the errors of a text whose brackets are correct.
+    /// Finds missing and surplus commas and colons. All brackets of the text must be correct.
     fn analyze(text: &str) -> Self {
         use SyntaxKind::{
             Colon, Comma, Ident, LBrace, LBracket, LParen, LexError, RBrace, RBracket, RParen,
@@ -227,7 +227,7 @@ impl Separators {
         if tokens.iter().any(|(kind, _)| is_attribute(*kind)) {
             return it;
         }
-        // The open brackets. The flag of each is true if the current part in the bracket has a name.
+        // The open brackets. The flag is true if the current part inside of the bracket has a name.
         let mut open: Vec<(SyntaxKind, bool)> = Vec::new();
         fn name(open: &mut [(SyntaxKind, bool)], is_named: bool) {
             open.last_mut().into_iter().for_each(|open| open.1 = is_named);
@@ -287,7 +287,7 @@ mod tests {
     use super::super::tree::Field;
     use super::*;
 
-    /// Formats a value as text, for comparisons in tests.
+    /// Formats a value as text, for comparison with the expected value.
     fn format_tree(tree: &Tree) -> String {
         fn format_all(trees: &[Tree]) -> String {
             trees.iter().map(format_tree).collect::<Vec<_>>().join(", ")

@@ -1,16 +1,16 @@
-//! A text that is repaired by edits. It maps the positions in the repaired text to the original text.
+//! A text that is repaired step by step, and the mapping from its positions to the original text.
 
 use crate::error::Span;
 
-/// A replacement of a span by a text.
+/// An edit of a text: the span to be replaced, and the new text.
 pub(super) type Edit = (Span, String);
 
 /// A text that is being repaired.
 pub(super) struct Repair {
     pub(super) text: String,
-    /// For each byte of the repaired text, and for its end, the offset in the original text.
+    /// For each byte of the repaired text, and for the end of that text, the offset in the original text.
     places: Vec<usize>,
-    /// Uncertain spans in the original text.
+    /// Spans of the original text whose values may not be those that the author meant.
     pub(super) doubtful: Vec<Span>,
 }
 
@@ -20,7 +20,7 @@ impl Repair {
         Self { text: text.to_owned(), places, doubtful: Vec::new() }
     }
 
-    /// Applies edits, which must be in order.
+    /// Applies edits, which must be sorted by position. Skips an edit that begins inside of an earlier one.
     pub(super) fn apply(&mut self, edits: &[Edit]) {
         let (mut text, mut places, mut copied) = (String::new(), Vec::new(), 0);
         for (span, new) in edits {

@@ -4,7 +4,7 @@ use serde_json::{Map, Value as Json};
 
 use super::schema_path::{option_inner, resolve, variants};
 
-/// Formats a JSON value that conforms to `schema` as RON. Fields whose values equal their defaults are omitted.
+/// Formats a JSON value that conforms to `schema` as RON. Omits fields whose values equal their defaults.
 pub fn to_ron(value: &Json, schema: &Json, root: &Json) -> String {
     let schema = resolve(root, schema);
     if value.is_null() {
@@ -74,7 +74,7 @@ fn map(entries: &Map<String, Json>, schema: &Json, root: &Json) -> String {
     format!("{{{}}}", entries.collect::<Vec<_>>().join(", "))
 }
 
-/// Converts a text to a RON string: adds quotes and escapes.
+/// Quotes and escapes a text as a RON string.
 pub fn quote(text: &str) -> String {
     let mut quoted = String::from("\"");
     for c in text.chars() {
@@ -99,7 +99,7 @@ mod tests {
 
     fn check(value: Json, schema: Json, expected: &str) {
         assert_eq!(to_ron(&value, &schema, &json!({})), expected);
-        // The crate `ron` is the reference.
+        // Check the expected text itself with the crate `ron`.
         assert!(::ron::from_str::<::ron::Value>(expected).is_ok(), "{expected}");
     }
 

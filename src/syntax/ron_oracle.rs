@@ -1,4 +1,4 @@
-//! Compares the parser with the crate `ron`, which is the reference for the grammar. Both must read every valid text to the same value.
+//! Tests the parser against the crate `ron`, which is the reference for the grammar. Both must read the same value from every valid text.
 
 use std::path::Path;
 
@@ -6,7 +6,8 @@ use ::ron::Value;
 
 use super::{Body, Kind, Tree, parse};
 
-/// Returns true if `ron` read the same value. The untyped values of `ron` do not contain the names of calls and words.
+/// Returns true if `ron` has read the same value. Names of calls and bare words are not compared, because `ron` does not keep them in
+/// untyped values.
 fn is_same(tree: &Tree, value: &Value) -> bool {
     fn all_same(items: &[Tree], values: &[Value]) -> bool {
         items.len() == values.len() && items.iter().zip(values).all(|(a, b)| is_same(a, b))
@@ -38,7 +39,7 @@ fn is_same(tree: &Tree, value: &Value) -> bool {
             })
         }
         (Kind::Map(entries), Value::Map(map)) => {
-            // If keys are equal, both parsers use the last one.
+            // If a key occurs more than once, both parsers keep the last value.
             map.iter().all(|(key, value)| {
                 let entry = entries.iter().rfind(|(own, _)| is_same(own, key));
                 entry.is_some_and(|(_, own)| is_same(own, value))
@@ -48,13 +49,14 @@ fn is_same(tree: &Tree, value: &Value) -> bool {
     }
 }
 
-/// Describes the difference, if `ron` rejects a text that the parser accepts, or if it reads another value.
+/// Compares both parsers on a text. Describes the difference if `ron` rejects a text that the parser accepts, or reads another value.
 fn difference(text: &str) -> Option<String> {
     let (tree, errors) = parse(text);
     if !errors.is_empty() {
         return None;
     }
-    // `ron` rejects a byte order mark, and requires a name before the path in `Graph("lib/skirt.ron", version: "2.1")`.
+    // Graph files differ from RON in two ways: `ron` rejects a byte order mark, and requires `path:` in `Graph("lib/skirt.ron", version:
+    // "2.1")`.
     let text = with_named_paths(text.trim_start_matches('\u{feff}'));
     match ::ron::from_str::<Value>(&text) {
         Err(error) => Some(format!("ron refuses it: {error}")),
@@ -107,7 +109,7 @@ fn every_graph_of_the_project_is_read_like_by_ron() {
     }
 }
 
-/// Removes, doubles and inserts pieces of a text at random. `case` is the seed of the random numbers.
+/// Removes, duplicates and inserts random pieces of a text. `case` is the seed of the random numbers.
 fn mutate(text: &str, case: u64) -> String {
     const PIECES: [&str; 30] = [
         "(", ")", "[", "]", "{", "}", ",", ":", "\"", "\\", "// a\n", "/* b", "*/", "\n", "\u{a0}",
@@ -116,7 +118,7 @@ fn mutate(text: &str, case: u64) -> String {
     ];
     let mut state = case;
     fn random_below(bound: usize, state: &mut u64) -> usize {
-        // The generator SplitMix64: Steele, Lea, Flood, *Fast splittable pseudorandom number generators* (2014).
+        // SplitMix64 generator: Steele, Lea, Flood, *Fast splittable pseudorandom number generators* (2014).
         *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = *state;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -144,7 +146,7 @@ fn mutated_graphs_are_read_like_by_ron() {
     let texts = corpus();
     let (mut read, mut found) = (0, String::new());
     for (index, text) in texts.iter().enumerate() {
-        // A short piece is more often still valid after a mutation, so that both parsers read it.
+        // Mutate a short piece of the text, which is more likely to stay valid, so that both parsers read it.
         let start = text.find("nodes:").map_or(0, |at| at + 6);
         let piece = Vec::from_iter(text[start..].chars().take(500)).into_iter().collect::<String>();
         for case in 0..25 {

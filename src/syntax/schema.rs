@@ -26,41 +26,41 @@ mod rules;
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoundLink {
     pub span: Span,
-    /// The target of the link, `node` or `node.output`.
+    /// The target of the link, in the form `node` or `node.output`.
     pub text: String,
     /// The name of the field that contains the link.
     pub port: String,
-    /// The name of the type or union of the port.
+    /// The name of the type that the port takes, or of a union of types.
     pub wants: String,
-    /// The types of values that the port accepts.
+    /// The types of values that the port takes.
     pub types: Vec<String>,
     /// True if the port takes a list of links.
     pub is_list: bool,
-    /// True if the port may have no link.
+    /// True if the port may be left without a link.
     pub is_optional: bool,
 }
 
-/// A file that a field of a node names.
+/// A file to which a field of a node refers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoundFile {
     pub span: Span,
-    /// The span of the path in the present file. It differs from `span` if the path is the default of a parameter.
+    /// The span of the path in the graph file. It differs from `span` if the path is the default of a parameter.
     pub at: Span,
     pub given: String,
     pub resolved: PathBuf,
-    /// The origin of the path, if the path comes from another file.
+    /// The file and position in which the path is written, if it comes from a file other than that of the node.
     pub from: Option<ExternalOrigin>,
-    /// The message and the help, if the node does not read files with the extension of this file.
+    /// The error message and the help, if the node does not read files with this extension. Otherwise `None`.
     pub extension_error: Option<(String, String)>,
 }
 
-/// Checks one node against its schema.
+/// A check of one node against its schema. Collects the links and files in the node's fields.
 pub struct Walk<'a> {
     /// The name of the node, for messages.
     pub node: &'a str,
-    /// The schema of the node. It holds the definitions to which other schemas refer.
+    /// The schema of the node. Contains the definitions to which references in the schema refer.
     pub root: &'a Json,
-    /// The source map, which determines the base folders of paths. `None` if the node has no paths.
+    /// The source map, which determines the folders to which paths are relative. `None` if the node has no paths.
     pub source_map: Option<&'a SourceMap>,
     /// The diagnostics that have been found so far.
     pub diagnostics: Vec<LocalDiagnostic>,
@@ -69,7 +69,7 @@ pub struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// Checks the call of the node itself.
+    /// Checks the call of the node.
     pub fn node(&mut self, tree: &Tree) {
         let (root, node) = (self.root, self.node);
         match &tree.kind {
@@ -91,7 +91,7 @@ impl Walk<'_> {
             Some(Origin::Default(span)) => Some((*span, "the value comes from here".to_owned())),
             Some(Origin::Set(text)) => Some((tree.span, format!("set by `--set {text}`"))),
             Some(Origin::External(given)) => {
-                // A note must be in the same file as its diagnostic, so an origin in another file becomes a part of the help.
+                // A note must be in the same file as its diagnostic, so describe an origin in another file in the help text.
                 let gap = if help.is_empty() { "" } else { "; " };
                 help = self.suggest(|| {
                     format!("the value comes from {}{gap}{help}", given.location()).into()
@@ -103,12 +103,12 @@ impl Walk<'_> {
         self.diagnostics.push(LocalDiagnostic { code, span: tree.span, message, help, note });
     }
 
-    /// Computes a suggestion, unless there are already too many diagnostics to report.
+    /// Returns the suggestion that `make` computes. Skips the work if there are already more diagnostics than will be shown.
     fn suggest(&self, make: impl FnOnce() -> Help) -> Help {
         if self.diagnostics.len() < MAX_REPORTED { make() } else { Help::default() }
     }
 
-    /// Checks the value of the field with the name `field`.
+    /// Checks the value of the field `field`.
     pub fn value(&mut self, tree: &Tree, schema: &Json, field: &str) {
         if tree.is_broken() {
             return;
@@ -152,7 +152,7 @@ impl Walk<'_> {
             tree.describe()
         );
         let help = match (&tree.kind, wanted) {
-            // The text is written in the field itself, not in the default of a parameter.
+            // Applies only if the field itself contains the text, not if the text is the default of a parameter.
             (Kind::Text(text), _) if wanted.starts_with("a number") && tree.origin.is_none() => {
                 format!(
                     "parameters take values; for a parameter of the graph write Param(\"{text}\")"
@@ -213,7 +213,7 @@ impl Walk<'_> {
         }
         self.check_order(fields, schema, owner);
         for name in required {
-            // A field whose name is misspelled is not missing.
+            // Do not report a field as missing if its name is only misspelled.
             if given.contains(name) || meant.contains(name) {
                 continue;
             }
@@ -247,7 +247,7 @@ impl Walk<'_> {
 
     fn link(&mut self, tree: &Tree, schema: &Json, field: &str) {
         let wants = schema["port"].as_str().unwrap_or_default().to_owned();
-        // Links define the structure of the graph, so parameters must not change them.
+        // Links define the structure of the graph, so a link must not come from a parameter.
         let is_parameter = matches!(tree.origin, Some(Origin::Default(_) | Origin::External(_)));
         let Some(text) = tree.text().filter(|_| !is_parameter) else {
             let found =
@@ -272,7 +272,7 @@ impl Walk<'_> {
         });
     }
 
-    /// Checks the links of a port that takes a list: either a list of links, or one link that leads to several values.
+    /// Checks the value of a port that takes a list: either a list of links, or a single link that may lead to several values.
     fn links(&mut self, tree: &Tree, schema: &Json, field: &str) {
         let first = self.links.len();
         match &tree.kind {
@@ -411,7 +411,7 @@ impl Walk<'_> {
             && above.is_none_or(|above| above < value)
             && below.is_none_or(|below| value < below);
         if !fits {
-            // Only the narrower of two limits is reported: "at least 0" is redundant beside "more than 0".
+            // Report only the narrower of two limits: "at least 0" is redundant beside "more than 0".
             let above = above.filter(|above| min.is_none_or(|min| min <= *above));
             let below = below.filter(|below| max.is_none_or(|max| *below <= max));
             let lowest = above.map(|above| format!("more than {above}"));
@@ -469,7 +469,7 @@ impl Walk<'_> {
 }
 
 impl Walk<'_> {
-    /// Returns the message and the help, if the field lists extensions and the extension of this file is a different one.
+    /// Returns the message and the help if the field lists the extensions that it accepts, and this file has another one. Otherwise `None`.
     fn extension_error(&self, schema: &Json, name: &str) -> Option<(String, String)> {
         let known = schema.get("endings").and_then(Json::as_array)?;
         let known: Vec<_> = known.iter().filter_map(Json::as_str).collect();
@@ -486,7 +486,7 @@ impl Walk<'_> {
     }
 }
 
-/// Describes the types that a port takes. A union is described by its member types, because users do not know the name of the union.
+/// Describes the types that a port takes. A union is described by its member types, because users do not know the union's name.
 fn accepted_types(port: &Json, wants: &str) -> String {
     let types = port["types"].as_array().into_iter().flatten();
     let types: Vec<_> = types.filter_map(Json::as_str).map(with_article).collect();
@@ -505,7 +505,7 @@ pub fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<String> {
     };
     if !default.is_null() {
         walk.value(&as_tree(default), field, "default");
-        // The form that the manual prints is checked too.
+        // Also check the default in the form in which the manual prints it.
         let (printed, errors) = parse(&to_ron(default, field, root));
         walk.value(&printed, field, "default");
         let errors = errors.into_iter().map(|error| error.message);

@@ -1,11 +1,11 @@
-//! Navigation in a JSON schema. Results are borrowed where possible, because a graph navigates for each of its fields.
+//! Navigation in a JSON schema. Results are borrowed if possible, because checking a graph navigates in the schema for each field.
 
 use std::borrow::Cow;
 
 use serde_json::Value as Json;
 
-/// Resolves the reference in a schema. Keywords beside the reference override the same keywords of the target. A schema without a reference
-/// is returned as it is.
+/// Resolves the reference `$ref` in a schema. Keywords next to the reference override those of the target. A schema without a reference is
+/// returned unchanged.
 pub fn resolve<'s>(root: &'s Json, schema: &'s Json) -> Cow<'s, Json> {
     let Some(target) = schema.get("$ref").and_then(Json::as_str) else {
         return Cow::Borrowed(schema);
@@ -21,12 +21,13 @@ pub fn resolve<'s>(root: &'s Json, schema: &'s Json) -> Cow<'s, Json> {
     resolved
 }
 
-/// Returns an equivalent schema in which no keywords are beside references, so that navigation in it copies nothing.
+/// Returns an equivalent schema in which no keywords are next to a reference, so that navigation need not clone parts of the schema.
 pub fn merge_references(schema: &Json) -> Json {
     merge_nested(schema, schema, &mut Vec::new())
 }
 
-/// Merges the references in a schema. `open` holds the references that are being merged, so that the merge of a recursive schema ends.
+/// Merges keywords next to references into the targets. `open` holds the references that are being merged, so that the merge of a recursive
+/// schema ends.
 fn merge_nested(root: &Json, schema: &Json, open: &mut Vec<String>) -> Json {
     let entries = match schema {
         Json::Object(entries) => entries,
@@ -57,7 +58,7 @@ fn merge_nested(root: &Json, schema: &Json, open: &mut Vec<String>) -> Json {
     merged
 }
 
-/// Returns the schema inside of an `Option`. `None` if the schema is not that of an `Option`.
+/// Returns the schema of `T` for a schema of `Option<T>`. `None` for other schemas.
 pub fn option_inner(schema: &Json) -> Option<Cow<'_, Json>> {
     fn is_null(schema: &Json) -> bool {
         schema.get("type").and_then(Json::as_str) == Some("null")
@@ -166,7 +167,7 @@ mod tests {
             assert!(matches!(schema, Cow::Borrowed(_)), "{way}");
             assert_eq!(*schema, json!({ "enum": ["Left", "Right"], "default": "Left" }), "{way}");
         }
-        // The schema refers to itself. The reference is written out once.
+        // The schema refers to itself. It is expanded once, and the inner reference is kept.
         let next = now.pointer("/properties/chain/properties/next");
         assert_eq!(next, Some(&chain));
         assert_eq!(now["properties"]["chain"]["unit"], "mm");

@@ -7,15 +7,15 @@ use super::local_diagnostic::LocalDiagnostic;
 use super::tree::{ExternalOrigin, Origin, Tree};
 use crate::error::{Diagnostic, Position, Source, Span, Use};
 
-/// A text with the files from which its parts come. A patched graph consists of the text of the graph, in which parts come from the file of
-/// the patch.
+/// A text, and the files from which its parts come. The text of a patched graph has parts from the file of the graph and parts from the
+/// file of the patch.
 #[derive(Debug, PartialEq)]
 pub struct SourceMap {
-    /// The main file. Its text is the complete text.
+    /// The main file. Its text is the complete text, including parts from other files.
     pub source: Arc<Source>,
     /// The folder to which paths in the text are relative.
     pub folder: PathBuf,
-    /// The folder of the file that the user named, which may be a patch. Paths from `--set` are relative to this folder.
+    /// The folder of the file that the user opened, which may be a patch. Paths in `--set` options are relative to this folder.
     pub named_folder: PathBuf,
     /// The parts of the text in order. Empty if the whole text comes from one file.
     pub parts: Vec<TextPart>,
@@ -49,7 +49,7 @@ impl SourceMap {
         };
         let length = span.end.min(part.span.end).saturating_sub(span.start);
         let start = part.start + (span.start - part.span.start.min(span.start));
-        // If the end of the span is in another part of the same file, the result extends to that end.
+        // Extend the span to its own end if the end is in another part of the same file.
         let end = match self.part(span.end.saturating_sub(1)) {
             Some(last) if Arc::ptr_eq(&last.source, &part.source) && last.start >= part.start => {
                 last.start + span.end.saturating_sub(last.span.start)
@@ -71,7 +71,7 @@ impl SourceMap {
         self.part(span.start).map_or(&self.folder, |part| &part.folder)
     }
 
-    /// Returns the folder to which a path is relative: the folder of the file that contains the path, wherever the path is used.
+    /// Returns the folder to which a path is relative. This is the folder of the file that contains the path, even if another file uses it.
     pub(crate) fn folder_for<'a>(&'a self, path: &'a Tree) -> &'a Path {
         match &path.origin {
             Some(Origin::External(ExternalOrigin { source_map, set: Some(_), .. })) => {
@@ -86,7 +86,7 @@ impl SourceMap {
         }
     }
 
-    /// Converts a diagnostic of the complete text to a diagnostic of the file that contains its position.
+    /// Converts a diagnostic with a position in the complete text to a diagnostic of the file that contains the position.
     pub fn diagnostic(&self, diagnostic: LocalDiagnostic, uses: &[Use]) -> Diagnostic {
         let (source, span) = self.locate(diagnostic.span);
         let here = |span| {

@@ -1,16 +1,16 @@
-//! Compares names that consist of different characters, but look the same or name the same file.
+//! Compares names of different characters that look the same or refer to the same file.
 
 use unicode_normalization::UnicodeNormalization;
 
-/// Normalizes a file name, so that two names of the same file on macOS or Windows become equal. These systems ignore case, and macOS does
-/// not distinguish composed and decomposed characters.
+/// Normalizes a file name, so that names of the same file on macOS or Windows become equal. Both systems ignore case, and macOS does not
+/// distinguish composed and decomposed characters.
 pub fn file_key(name: &str) -> String {
     let parts = name.split('/').filter(|part| !matches!(*part, "" | "."));
     let path = parts.collect::<Vec<_>>().join("/");
     path.nfd().flat_map(char::to_lowercase).nfd().collect()
 }
 
-/// Returns the message for two different names that stand for the same file.
+/// Returns the message for two different names that refer to the same file.
 pub fn same_file_message(what: &str, first: &str, second: &str) -> String {
     let spelled = match look_alike(first, second) {
         true => format!(", the second {}", difference(first, second)),
@@ -27,7 +27,7 @@ pub(crate) fn look_alike(a: &str, b: &str) -> bool {
     a != b && !(is_plain(a) && is_plain(b)) && visible(a) == visible(b)
 }
 
-/// Describes by character codes how the spelling of `known` differs from that of `given`.
+/// Describes how the characters of `known` differ from those of `given`, using character codes.
 pub(crate) fn difference(given: &str, known: &str) -> String {
     let (given, known) = (given.chars().collect::<Vec<_>>(), known.chars().collect::<Vec<_>>());
     let begin = given.iter().zip(&known).take_while(|(a, b)| a == b).count();
@@ -62,13 +62,13 @@ fn is_invisible(c: char) -> bool {
             | '\u{e0000}'..='\u{e0fff}')
 }
 
-/// Cyrillic and Greek letters and hyphens, each with the ASCII character that it looks like.
+/// Cyrillic and Greek letters and hyphens, and the ASCII characters that look like them, in the same order.
 const LOOK_ALIKES: (&str, &str) = (
     "аеорсухіјѕһԁԛԝкАВЕКМНОРСТХІЈЅҮΑΒΕΖΗΙΚΜΝΟΡΤΥΧονικ‐‑‒–−",
     "aeopcyxijshdqwkABEKMHOPCTXIJSYABEZHIKMNOPTYXovik-----",
 );
 
-/// Returns the ASCII character that a character looks like. If there is none, returns the character itself.
+/// Returns the ASCII character that looks like `c`. If there is none, returns `c`.
 fn ascii_look_alike(c: char) -> char {
     let place = LOOK_ALIKES.0.chars().position(|known| known == c);
     place.and_then(|place| LOOK_ALIKES.1.chars().nth(place)).unwrap_or(c)

@@ -9,16 +9,17 @@ use super::spelling::{difference, look_alike};
 const MAX_LISTED: usize = 30;
 
 thread_local! {
-    /// Counts the comparisons of names. Tests of the running time use the count.
+    /// Number of name comparisons made so far, for tests of the running time.
     pub static COMPARISONS: Cell<usize> = const { Cell::new(0) };
 }
 
 /// Suggests the known name that is nearest to `given`: "did you mean `x`?". Empty if no name is near.
 ///
-/// A name is near if at most a third of the letters differ, where a swap counts once; one difference is always allowed. If no name is near,
-/// a name is suggested that begins with the given one, if that has at least four letters. The help contains a fix if no other name is as
-/// near and at most a third of the letters differ. A name that is equal to the given one is never suggested. If a name only looks the same,
-/// the help states the difference.
+/// A name is near if at most a third of the letters differ; a swap of two letters counts as one difference, and one difference is always
+/// allowed. If no name is near, a longer name is suggested that begins with the given name, which must have at least four letters.
+///
+/// The help contains a fix if no other name is equally near and at most a third of the letters differ. A name equal to `given` is never
+/// suggested. If a name looks the same as `given`, the help states the difference.
 pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Help {
     let name = given.to_lowercase();
     let length = name.chars().count();
@@ -44,7 +45,8 @@ pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Hel
             }
         } else if 4 <= length && length < known_length && longer.is_none_or(|(least, _)| 0 < least)
         {
-            // The missing end of the given name does not count as a difference, but one letter before the end may be missing.
+            // Only the beginning of the longer name is compared, so that its end does not count as a difference. One letter may be missing
+            // before it.
             let beginnings = [length, length + 1].into_iter().filter(|n| *n <= known_length);
             let distances = beginnings
                 .map(|n| strsim::osa_distance(&name, &lower.chars().take(n).collect::<String>()));
@@ -66,7 +68,7 @@ pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Hel
     }
 }
 
-/// As [`nearest`], except that all known names are listed if no name is near.
+/// Like [`nearest`], but lists all known names if no name is near.
 pub fn nearest_or_all(name: &str, what: &str, known: &[&str]) -> Help {
     let known: Vec<_> = known.iter().copied().filter(|known| *known != name).collect();
     match nearest(name, known.iter().copied()) {
@@ -80,7 +82,7 @@ pub fn nearest_or_all(name: &str, what: &str, known: &[&str]) -> Help {
     }
 }
 
-/// Appends a suggestion for an unknown name to a message of one line.
+/// Appends a suggestion for an unknown name to a one-line message.
 pub fn unknown_name_message(message: String, name: &str, what: &str, known: &[&str]) -> String {
     match nearest_or_all(name, what, known) {
         help if help.is_empty() => message,

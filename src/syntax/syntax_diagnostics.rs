@@ -1,4 +1,4 @@
-//! Syntax errors as diagnostics.
+//! Converts syntax errors to diagnostics.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -7,7 +7,7 @@ use super::parser::SyntaxError;
 use super::recovery::recover;
 use crate::error::{Diagnostic, Severity, Source, code};
 
-/// Converts the errors of the parser to diagnostics, and adds errors that the parser's errors hide.
+/// Converts the errors of the parser to diagnostics. Adds errors that the parser missed because of earlier errors.
 pub fn syntax_diagnostics(name: &Path, text: &str, errors: Vec<SyntaxError>) -> Vec<Diagnostic> {
     let source = Arc::new(Source { name: name.to_owned(), text: text.to_owned() });
     if errors.is_empty() {

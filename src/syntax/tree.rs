@@ -1,4 +1,4 @@
-//! The tree of the values in a graph file, with their positions, but without formatting and comments.
+//! The tree of values in a graph file. It has the positions of all values, but no formatting and no comments.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -6,33 +6,33 @@ use std::sync::Arc;
 use super::source_map::SourceMap;
 use crate::error::Span;
 
-/// A value of a file with its position.
+/// A value in a graph file, with its position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tree {
     pub span: Span,
     pub kind: Kind,
-    /// The origin of a value that has replaced a `Param`.
+    /// The origin of the value, if it has replaced a `Param`. Otherwise `None`.
     pub origin: Option<Origin>,
 }
 
-/// The origin of the value of a parameter.
+/// The origin of a value that has replaced a `Param`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Origin {
-    /// The default of the parameter. The span of the default is in the same file.
+    /// The default of the parameter, at this span of the same file.
     Default(Span),
-    /// The option `--set` with this text.
+    /// The command-line option `--set` with this text.
     Set(String),
-    /// Another file than the one in which the value is used.
+    /// Another file, from which the value was passed on to the file that uses it.
     External(ExternalOrigin),
 }
 
-/// The origin of a value that comes from another file. That file uses or patches the graph.
+/// The origin of a value in another file, which uses or patches the graph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExternalOrigin {
     pub source_map: Arc<SourceMap>,
     /// The span of the value in `source_map`.
     pub span: Span,
-    /// The text of the `--set` option, if such an option gave the value.
+    /// The text of the option `--set`, if the value comes from such an option.
     pub set: Option<String>,
 }
 
@@ -55,7 +55,7 @@ pub enum Kind {
     Bool(bool),
     /// A string, without its quotes and with its escapes resolved.
     Text(String),
-    /// A word without quotes and parentheses.
+    /// A bare word, without quotes and parentheses.
     Word(String),
     /// A call, `Name(..)`, or parentheses without a name, `(..)`.
     Call { name: Option<Name>, body: Body },
@@ -63,7 +63,7 @@ pub enum Kind {
     List(Vec<Tree>),
     /// A map, `{..}`, as keys and values.
     Map(Vec<(Tree, Tree)>),
-    /// A value with a syntax error. The error has already been reported.
+    /// A value with a syntax error, which has already been reported.
     Broken,
 }
 
@@ -98,7 +98,7 @@ impl Tree {
         self.kind == Kind::Broken
     }
 
-    /// Returns true if no part of the value is broken.
+    /// Returns true if the value and all its parts are free of syntax errors.
     pub fn is_complete(&self) -> bool {
         match &self.kind {
             Kind::Broken => false,
@@ -120,7 +120,7 @@ impl Tree {
         }
     }
 
-    /// Returns the name before the parentheses of a call, or the bare word.
+    /// Returns the name of a call, or the bare word. `None` for other values.
     pub fn name(&self) -> Option<Name> {
         match &self.kind {
             Kind::Call { name, .. } => name.clone(),
@@ -129,7 +129,7 @@ impl Tree {
         }
     }
 
-    /// Returns the fields between the parentheses. `None` if the value has no parentheses, or if the items in them have no names.
+    /// Returns the fields of a call. `None` if the value is not a call, or if the values in its parentheses have no names.
     pub fn fields(&self) -> Option<&[Field]> {
         match &self.kind {
             Kind::Call { body: Body::Fields(fields), .. } => Some(fields),
@@ -138,7 +138,7 @@ impl Tree {
         }
     }
 
-    /// Returns the only item of a call whose name is `wanted`: `item` in `wanted(item)`.
+    /// Returns `item` if the value is the call `wanted(item)`, which has exactly one item without a name. Otherwise `None`.
     pub fn call_of(&self, wanted: &str) -> Option<&Self> {
         match &self.kind {
             Kind::Call { name: Some(name), body: Body::Items(items) } if name.text == wanted => {
@@ -151,8 +151,8 @@ impl Tree {
         }
     }
 
-    /// Follows a path of fields, items and entries, as far as the file contains it. The name of an enum variant, such as `Near` in
-    /// `Near(..)`, is a step of the path.
+    /// Follows a path through fields, items and entries. Stops at the last step that the file contains. The name of an enum variant, such
+    /// as `Near` in `Near(..)`, is a step of the path.
     pub fn descend(&self, path: &[String]) -> &Self {
         let Some((step, rest)) = path.split_first() else { return self };
         let inside = match &self.kind {
@@ -169,7 +169,7 @@ impl Tree {
         inside.map_or(self, |inside| inside.descend(rest))
     }
 
-    /// As [`descend`](Self::descend), except that the path starts inside of the parentheses of a call.
+    /// Like [`descend`](Self::descend), but begins inside of the parentheses of a call.
     fn descend_body(&self, path: &[String]) -> &Self {
         let Some((step, rest)) = path.split_first() else { return self };
         let inside = match &self.kind {
@@ -177,7 +177,7 @@ impl Tree {
                 let field = fields.iter().find(|field| field.name.text == *step);
                 field.map(|field| (&field.value, rest))
             }
-            // If `Near(..)` has one item, the item has the path of `Near` itself.
+            // The only item of `Near(..)` has no step of its own: its path is that of `Near`.
             Kind::Call { body: Body::Items(items), .. } => match step.parse::<usize>() {
                 Ok(index) => items.get(index).map(|item| (item, rest)),
                 Err(_) => items.first().map(|item| (item, path)),
@@ -187,7 +187,7 @@ impl Tree {
         inside.map_or(self, |(inside, rest)| inside.descend(rest))
     }
 
-    /// Describes the value for messages. If the text of the value is short, the description contains it.
+    /// Describes the value for messages. Includes the text of a short value.
     pub fn describe(&self) -> String {
         match &self.kind {
             Kind::Number { value, .. } => format!("the number {value}"),
@@ -204,7 +204,7 @@ impl Tree {
     }
 }
 
-/// Truncates a text that is too long for a message.
+/// Truncates a text to at most 60 characters for messages.
 pub fn truncate(text: &str) -> Cow<'_, str> {
     const MAX_CHARS: usize = 60;
     match text.char_indices().nth(MAX_CHARS) {

@@ -1,4 +1,4 @@
-//! Converts the parser's syntax tree to a [`Tree`]: calls, lists, maps and literals.
+//! Converts the syntax tree of the parser library to a [`Tree`]: calls, lists, maps and literals.
 
 use ronin_core::{SyntaxElement, SyntaxKind, SyntaxNode, SyntaxToken};
 
@@ -6,7 +6,7 @@ use super::parser::{SyntaxError, UNTERMINATED_STRING, span};
 use super::tree::{Body, Field, Kind, Name, Tree};
 use crate::error::Span;
 
-/// Returns true if a syntax node is a value, or an error in the place of a value.
+/// Returns true if a syntax node is a value, or an error where a value is expected.
 pub(crate) fn is_value(kind: SyntaxKind) -> bool {
     use SyntaxKind::{EnumVariant, Error, List, Literal, Map, Struct, Tuple, Unit};
     matches!(kind, Struct | Tuple | List | Map | EnumVariant | Unit | Literal | Error)
@@ -16,7 +16,7 @@ pub(crate) fn is_value(kind: SyntaxKind) -> bool {
 #[derive(Default)]
 pub(crate) struct TreeReader {
     pub(crate) errors: Vec<SyntaxError>,
-    /// Errors about misplaced values. A missing comma or parenthesis causes many of these, so they are ignored if there are other errors.
+    /// Errors about misplaced values. One missing comma or parenthesis causes many of them, so they are ignored if there are other errors.
     pub(crate) misplaced: Vec<SyntaxError>,
     /// True while the inside of a `Sweep(..)` is read.
     in_sweep: bool,
@@ -77,7 +77,7 @@ impl TreeReader {
         Tree::new(at, kind)
     }
 
-    /// Reports parentheses in which some values have names and others do not.
+    /// Reports parentheses that contain both values with names and values without names.
     fn report_mixed_names(&mut self, node: &SyntaxNode) {
         let message = "named and unnamed values cannot be mixed";
         let help = "name all of them, `name: value`, or none";
@@ -114,8 +114,8 @@ impl TreeReader {
         Some(Field { name, value })
     }
 
-    /// Returns the name of the field that needs no name if it comes first: the path in `Graph("lib/skirt.ron", version: "2.1")`, and in a
-    /// sweep the first items in `Files("scans/*", set: "scan.range")` and `picture: ("model.glb", camera: (30, 15))`.
+    /// Returns the name of the field whose name may be omitted if it comes first. For `Graph("lib/skirt.ron", version: "2.1")` it is the
+    /// path. In a sweep, these are the first items of `Files("scans/*", set: "scan.range")` and `picture: ("model.glb", camera: (30, 15))`.
     fn implicit_field(&self, call: Option<&Name>) -> Option<&'static str> {
         match call.map(|name| &name.text[..]) {
             Some("Graph") => Some("path"),
@@ -125,7 +125,7 @@ impl TreeReader {
         }
     }
 
-    /// Reads a string without a name as the field `name`.
+    /// Reads a string as the value of the field `name`, which the file omits.
     fn read_implicit_text(&mut self, name: &str, node: &SyntaxNode) -> Option<Field> {
         let value = node.children().find(|child| child.kind() == SyntaxKind::Literal)?;
         let text = first_token(&value)?;
@@ -186,7 +186,7 @@ fn syntax_error(span: Span, message: &str, help: &str) -> SyntaxError {
     SyntaxError { span, message: message.into(), help: help.into() }
 }
 
-/// Returns the message and the help for a misused keyword of RON. `Some` must hold one value, and the other keywords hold none.
+/// Returns the message and the help for a misused keyword of RON. `Some` must contain one value, and the other keywords must stand alone.
 fn keyword_misuse(kind: &Kind) -> Option<(&'static str, &'static str)> {
     const ALONE: [&str; 7] = ["None", "NaN", "NaNf32", "NaNf64", "inf", "inff32", "inff64"];
     match kind {
@@ -204,7 +204,7 @@ fn keyword_misuse(kind: &Kind) -> Option<(&'static str, &'static str)> {
     }
 }
 
-/// Returns the identifier that is a direct child of a syntax node: the name of a struct, field or variant.
+/// Returns the identifier directly inside of a syntax node: the name of a struct, field or variant.
 fn word(node: &SyntaxNode) -> Option<Name> {
     let token = node.first_token_of(SyntaxKind::Ident)?;
     Some(Name { text: token.text().to_string(), span: span(token.text_range()) })
@@ -266,7 +266,7 @@ fn unescape(quoted: &str) -> Option<String> {
             'u' => {
                 let code = rest.as_str().strip_prefix('{')?.split_once('}')?;
                 rest = code.1.chars();
-                // `from_str_radix` would accept a sign, which is not allowed at this position.
+                // `from_str_radix` would accept a sign, which RON does not allow here.
                 code.0.starts_with(|digit: char| digit.is_ascii_hexdigit()).then_some(())?;
                 char::from_u32(u32::from_str_radix(code.0, 16).ok()?)?
             }
@@ -320,7 +320,7 @@ mod tests {
     #[test]
     fn numbers_that_are_not_finite_are_errors() {
         assert_eq!(parse("1e999").1[0].message, "`1e999` is too large for a number");
-        // RON has its own words for infinity and NaN. In graph files they are bare words, which no port or parameter accepts.
+        // RON has words for infinity and NaN. In graph files they are bare words, which no port or parameter accepts.
         assert_eq!(kind("NaN"), Kind::Word("NaN".into()));
     }
 }

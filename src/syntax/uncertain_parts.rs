@@ -1,4 +1,4 @@
-//! Filters out diagnostics that may be mere consequences of syntax errors.
+//! Filters out diagnostics that may only be consequences of syntax errors.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -9,28 +9,28 @@ use super::source_map::SourceMap;
 use super::tree::Tree;
 use crate::error::{Diagnostic, Source, Span, code};
 
-/// The uncertain parts of texts with syntax errors: their values may not be what the author meant.
+/// Uncertain parts of texts with syntax errors. The values of these parts may not be those that the author meant.
 #[derive(Clone, Debug, Default)]
 pub struct UncertainParts {
     parts: Vec<(Arc<Source>, Span)>,
-    /// The names that occur in the uncertain parts. A diagnostic that says that one of these names is missing may be wrong.
+    /// The names in the uncertain parts. A diagnostic that one of these names does not exist may be wrong.
     names: BTreeSet<String>,
-    /// The names of values whose end is uncertain. Fields that such a value seems to lack may follow after that end.
+    /// The names of values whose end is uncertain. A diagnostic that a field of such a value is missing may be wrong.
     cut: BTreeSet<String>,
 }
 
-/// The result of parsing a text: the parts of it that could be parsed.
+/// The readable parts of a text with syntax errors, and the errors.
 pub struct ReadText {
     /// The value. `None` if the errors make it useless.
     pub tree: Option<Tree>,
     /// All syntax errors of the text.
     pub errors: Vec<SyntaxError>,
-    /// The uncertain parts. `None` if there are no syntax errors.
+    /// The uncertain parts. `None` if the text has no syntax errors.
     pub uncertain_parts: Option<UncertainParts>,
 }
 
 impl ReadText {
-    /// Recovers the value of a parsed text. The value should be a call of one of the names `wanted`, such as `Graph`.
+    /// Recovers the value of a parsed text. `wanted` contains the possible names of the outermost call, such as `Graph`.
     pub fn new(
         source_map: &SourceMap,
         (tree, errors): (Tree, Vec<SyntaxError>),
@@ -70,14 +70,14 @@ impl ReadText {
 }
 
 impl UncertainParts {
-    /// Adds the uncertain parts of another text to these.
+    /// Adds the uncertain parts of another text.
     pub fn extend(&mut self, other: Self) {
         self.parts.extend(other.parts);
         self.names.extend(other.names);
         self.cut.extend(other.cut);
     }
 
-    /// Returns true if an error may only be a consequence of a syntax error.
+    /// Returns true if an error may only be a consequence of a syntax error, and should not be reported.
     pub fn covers(&self, code: &str, (source, span): (&Source, Span), message: &str) -> bool {
         match code {
             code::SYNTAX => false,
@@ -102,13 +102,13 @@ impl UncertainParts {
         }
     }
 
-    /// Returns true if a diagnostic may only be a consequence of a syntax error.
+    /// Returns true if a diagnostic may only be a consequence of a syntax error, and should not be reported.
     pub fn covers_diagnostic(&self, diagnostic: &Diagnostic) -> bool {
         self.covers(diagnostic.code, (&diagnostic.source, diagnostic.span), &diagnostic.message)
     }
 }
 
-/// Returns the names that occur in some parts of a text.
+/// Returns the names that occur in the given spans of a text.
 fn names_in<'t>(text: &'t str, parts: &'t [Span]) -> impl Iterator<Item = &'t str> {
     let parts = parts.iter().filter_map(|span| text.get(span.start..span.end));
     parts

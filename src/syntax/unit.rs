@@ -1,7 +1,7 @@
 //! Units of numbers: parses `cm(1.2)` and the units of fields and parameters, and converts between units.
 //!
-//! The unit of a field may be any text. If it is not composed of [`KNOWN_UNITS`], as `cells` and `%` are not, it is only shown: numbers are
-//! neither converted to it nor checked.
+//! The unit of a field may be any text. A text that is not composed of [`KNOWN_UNITS`], such as `cells` or `%`, is only displayed: numbers
+//! are not converted to that unit, and their units are not checked.
 
 use std::fmt;
 
@@ -35,12 +35,12 @@ pub fn unit_names() -> impl Iterator<Item = &'static str> {
 
 /// A product of powers of known units, such as `mm`, `1/mm` or `px/mm`. The empty product is the unit of a pure number.
 ///
-/// Stores the exponent of each known unit. At most one unit of each measure has an exponent other than 0.
+/// The array contains the exponent of each known unit. At most one unit of each measure has an exponent other than 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Unit([i32; KNOWN_UNITS.len()]);
 
 impl Unit {
-    /// Returns the known unit of this name.
+    /// Returns the known unit of this name. `None` for other names.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::power(name, 1)
     }
@@ -80,7 +80,7 @@ impl Unit {
         self == Self::default()
     }
 
-    /// Returns true if numbers in one unit can be converted to the other.
+    /// Returns true if numbers in the unit `self` can be converted to the unit `other`.
     pub fn is_compatible(self, other: Self) -> bool {
         MEASURES.iter().all(|&measure| {
             let [a, b] = [self, other].map(|unit| unit.factor(measure));
@@ -94,7 +94,7 @@ impl Unit {
         places.find(|&place| self.0[place] != 0).map(|place| (place, self.0[place]))
     }
 
-    /// Replaces each known unit by the unit of the same measure that `other` contains, if it contains one.
+    /// Replaces each known unit by the unit of the same measure in `other`. Keeps it if `other` does not contain that measure.
     fn in_units_of(mut self, other: Self) -> Self {
         for measure in MEASURES {
             if let (Some((own, exponent)), Some((wanted, _))) =
@@ -153,7 +153,7 @@ impl Quantity {
         Self { value, unit: Unit::default() }
     }
 
-    /// Reads a number with a unit: `cm(1.2)`.
+    /// Reads a number with a unit, such as `cm(1.2)`. `None` for other values.
     pub fn read(tree: &Tree) -> Option<Self> {
         let name = tree.name()?.text;
         let unit = Unit::from_name(&name)?;
@@ -163,7 +163,7 @@ impl Quantity {
         }
     }
 
-    /// Converts the number to a compatible unit.
+    /// Converts the number to another unit, which must be compatible. Returns the plain number.
     pub fn to_unit(self, unit: Unit) -> f64 {
         let mut value = self.value;
         for measure in MEASURES {
@@ -174,7 +174,7 @@ impl Quantity {
             };
             let (from, to) = if exponent < 0 { (to, from) } else { (from, to) };
             let mut times = if from == to { 0 } else { exponent.unsigned_abs() };
-            // Zero and infinity are equal in all units.
+            // Zero and infinite values are equal in all units, so they need no conversion.
             while 0 < times && value != 0.0 && value.is_finite() {
                 value = convert(value, KNOWN_UNITS[from].0, KNOWN_UNITS[to].0);
                 times -= 1;
@@ -193,7 +193,7 @@ impl Quantity {
         Self { value: self.value / other.to_unit(unit), unit: self.unit.times(unit.inverse()) }
     }
 
-    /// Returns the square root of the unit. `None` if the unit is not a square.
+    /// Returns the square root of the quantity, with the square root of its unit. `None` if the unit is not a square.
     pub fn root(self) -> Option<Self> {
         let is_square = self.unit.0.iter().all(|exponent| exponent % 2 == 0);
         let unit = Unit(self.unit.0.map(|exponent| exponent / 2));
@@ -226,11 +226,11 @@ fn fraction(value: f64, numerator: i128, denominator: i128) -> f64 {
     let text = format!("{value:e}");
     let (digits, exponent) = text.split_once('e').unwrap_or((&text, "0"));
     let decimals = digits.split_once('.').map_or(0, |(_, behind)| behind.len());
-    // The value has at most 17 digits, so the product does not overflow.
+    // A floating-point number has at most 17 significant digits, so the product does not overflow.
     let digits: i128 = digits.replace('.', "").parse().unwrap_or_default();
     let mut exponent = exponent.parse::<i32>().unwrap_or_default() - decimals as i32;
     let mut product = digits * numerator;
-    // If the decimal quotient is finite, it ends after at most four more digits, because all denominators divide 127 * 10^4.
+    // All denominators divide 127 * 10^4, so an exact decimal quotient has at most four more digits.
     for _ in 0..4 {
         if product % denominator != 0 {
             (product, exponent) = (product * 10, exponent - 1);

@@ -1,4 +1,4 @@
-//! The values that enter and leave a set of nodes.
+//! The values that pass between a set of nodes and the other nodes of a graph.
 
 use std::collections::BTreeSet;
 
@@ -8,23 +8,23 @@ use maquette_syntax::error::{Span, code};
 
 use super::{ParsedGraph, ResolvedLink, edit_error, free_name};
 
-/// The values that cross the border of a set of nodes. Each is listed once.
+/// The values that pass between a set of nodes and the other nodes. Each value is listed once.
 pub(super) struct Border {
     pub(super) inputs: Vec<Crossing>,
     pub(super) outputs: Vec<Crossing>,
 }
 
-/// A value that crosses the border of the set.
+/// A value that a node computes, and to which a link on the other side of the border leads.
 pub(super) struct Crossing {
     /// The index of the node that computes the value, and the index of the node's output.
     pub(super) target: (usize, usize),
-    /// The text of the first link that leads to the value.
+    /// The text of the first link to the value.
     pub(super) link: String,
-    /// The name of the input or output for the value.
+    /// The name of the input or output of the new graph that passes the value on.
     pub(super) name: String,
     /// The type of the value.
     pub(super) kind: &'static str,
-    /// The positions of the links that lead to the value.
+    /// The positions of all links to the value.
     pub(super) spans: Vec<Span>,
 }
 
@@ -32,7 +32,7 @@ impl Border {
     /// Finds the values that enter and leave a set of nodes.
     ///
     /// # Errors
-    /// A value that crosses the border is a list, or the type of the value is not known.
+    /// A value that crosses the border is a list, or its type is unknown.
     pub(super) fn find(known: &ParsedGraph, set: &BTreeSet<usize>) -> Result<Self, EditError> {
         let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
         for link in &known.links {
@@ -55,10 +55,10 @@ impl Border {
         if outputs.is_empty() {
             outputs = end_outputs(known, set);
         }
-        // The values are in the order of their nodes in the text.
+        // Sort the values by the positions of their nodes in the text.
         outputs.sort_by_key(|output| output.target);
         let nodes = set.iter().filter_map(|&at| known.entries("nodes")[at].0.text());
-        // A field of a use may name an input or a parameter, so the names of inputs must differ from those of parameters.
+        // A node that uses the new graph sets both inputs and parameters by fields, so their names must differ.
         let mut taken = BTreeSet::from_iter(nodes.chain(known.names("params")).map(str::to_owned));
         assign_names(&mut inputs, &mut taken);
         assign_names(&mut outputs, &mut BTreeSet::new());
@@ -99,7 +99,7 @@ fn add_crossing(
     Ok(())
 }
 
-/// Returns the unused outputs of a set of nodes: for each node to which no link leads, its first output, if that is a single value.
+/// Returns the unused outputs of a set of nodes: the first output of each node that is not linked, unless that output is a list.
 fn end_outputs(known: &ParsedGraph, set: &BTreeSet<usize>) -> Vec<Crossing> {
     let nodes = known.entries("nodes");
     let parsed_nodes = &known.definition().parsed_nodes;
@@ -117,7 +117,7 @@ fn end_outputs(known: &ParsedGraph, set: &BTreeSet<usize>) -> Vec<Crossing> {
         .collect()
 }
 
-/// Names each value after its source: `color` for `scan.color`. If that name is taken, the name is `scan-color`.
+/// Names each value after its source node or output, such as `color` for `scan.color`. If that name is taken, the name is `scan-color`.
 fn assign_names(crossings: &mut [Crossing], taken: &mut BTreeSet<String>) {
     for crossing in crossings {
         let (node, output) = match crossing.link.split_once('.') {

@@ -1,4 +1,4 @@
-//! Chooses the names for a new graph: those of its file, its node type and the node that uses it.
+//! Chooses the names for an extracted graph: its file, its node type, and the node that uses it.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -12,17 +12,17 @@ use maquette_syntax::with_article;
 use super::{Editor, Extraction, ParsedGraph, edit_error, free_name};
 use crate::check_name;
 
-/// The names for a new graph: its file, its node type and the node that uses it.
+/// The names for an extracted graph: its file, its node type, and the node that uses it.
 pub(super) struct NewGraph {
     pub(super) path: PathBuf,
-    /// The path of the file, as the using graph contains it.
+    /// The path of the file, relative to the old graph, as the old graph contains it.
     pub(super) given: String,
     pub(super) kind: String,
     pub(super) name: String,
 }
 
 impl NewGraph {
-    /// Chooses those names that the request does not give.
+    /// Chooses the names that the user has not given.
     ///
     /// # Errors
     /// A given name is taken or invalid.
@@ -102,17 +102,17 @@ fn name_error(message: String, help: &str) -> Result<NewGraph, EditError> {
     Err(edit_error(code::BAD_NAME, Span::default(), message, help))
 }
 
-/// Returns the path of a file in the folder of the graph.
+/// Returns the path of the file `stem.ron` in the folder of the graph.
 fn sibling_file(stem: &str, graph: &Path) -> PathBuf {
     graph.with_file_name(format!("{stem}.ron"))
 }
 
-/// Returns true for a node type that has a syntax of its own.
+/// Returns true for words that have a special meaning in graph files and cannot be the name of a node type.
 fn is_reserved(kind: &str) -> bool {
     matches!(kind, "ForEach" | "Switch" | "Graph" | "Patch")
 }
 
-/// Returns `NoseBump` for `nose-bump`.
+/// Converts the name of a node to the name of a node type: `nose-bump` to `NoseBump`.
 fn type_name_from(name: &str) -> String {
     let words = name.split(|c: char| !c.is_ascii_alphanumeric());
     let words = words.filter_map(|word| {
@@ -123,7 +123,7 @@ fn type_name_from(name: &str) -> String {
     if is_type_name(&kind) { kind } else { format!("Part{kind}") }
 }
 
-/// Returns `nose-bump` for `NoseBump`.
+/// Converts the name of a node type to the name of a node: `NoseBump` to `nose-bump`.
 fn node_name_from(kind: &str) -> String {
     let mut name = String::new();
     for (at, c) in kind.char_indices() {

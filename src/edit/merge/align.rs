@@ -1,10 +1,10 @@
-//! Alignment of two sequences, which finds the items that they have in common.
+//! Alignment of two sequences: finds the items that they have in common.
 
-/// The maximum size of the table for the longest common subsequence. If the sequences are longer, only their common beginning and end are
-/// matched.
+/// Maximum number of cells in the table for the longest common subsequence. If the table would be larger, only the common beginning and end
+/// of the sequences are matched.
 const MAX_PAIRS: usize = 4_000_000;
 
-/// For each item of `new`, returns its index in `old`, by the longest common subsequence.
+/// For each item of `new`, returns its index in `old` according to the longest common subsequence. `None` if `old` does not have the item.
 pub(super) fn match_items<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> {
     let shorter = old.len().min(new.len());
     let first = (0..shorter).take_while(|&k| old[k] == new[k]).count();
@@ -18,14 +18,14 @@ pub(super) fn match_items<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usiz
     found
 }
 
-/// The items between the common beginning and the common end are matched by a table.
+/// Matches the items between the common beginning and the common end, by the table of the longest common subsequence.
 fn match_middle<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> {
     let mut found = vec![None; new.len()];
     if old.len() * new.len() > MAX_PAIRS {
         return found;
     }
     let width = new.len() + 1;
-    // The length of the longest common subsequence of the remaining items.
+    // Each cell is the length of the longest common subsequence of the remaining items.
     let mut common = vec![0u32; (old.len() + 1) * width];
     for i in (0..old.len()).rev() {
         for j in (0..new.len()).rev() {
@@ -49,7 +49,7 @@ fn match_middle<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> {
     found
 }
 
-/// Aligns sequences as [`match_items`] does, and then pairs the items between two matches in order, as changed items.
+/// Like [`match_items`], but also pairs unmatched items between two matches, in order, as changed items.
 pub(super) fn pair_items<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> {
     let mut found = match_items(old, new);
     let mut next = 0;

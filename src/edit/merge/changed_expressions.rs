@@ -1,5 +1,5 @@
-//! Finds expressions whose meaning would change in the merged graph. For example, `a-b` becomes a single name if the other side has added a
-//! parameter `a-b`.
+//! Finds expressions whose meaning would change in the merged graph. For example, the difference `a-b` becomes a single name if the other
+//! side has added a parameter `a-b`.
 
 use std::collections::{BTreeSet, HashSet};
 use std::path::Path;
@@ -10,21 +10,21 @@ use maquette_graph::tree::{entries, text_in_call};
 use maquette_syntax::error::{Diagnostic, Severity, Source, Span, code};
 use maquette_syntax::{Body, Kind, Token, Tree, tokens};
 
-/// An expression in a graph, with its path and the parameters that it names.
+/// An expression in a graph, with its path and the names of the parameters in it.
 struct Expression {
     path: Vec<String>,
     text: String,
     names: Vec<String>,
 }
 
-/// An expression whose meaning the merge would change.
+/// An expression that would have another meaning in the merged graph.
 pub(super) struct ChangedExpression {
-    /// The entry that contains the expression: `nodes.moved`.
+    /// The entry that contains the expression, such as `nodes.moved`.
     pub(super) entry: String,
     text: String,
 }
 
-/// Returns those expressions of a merged text whose meaning differs from their meaning in the text from which they come.
+/// Returns the expressions of a merged text that have another meaning there than in the text from which they come.
 pub(super) fn changed_expressions(before: [&Tree; 3], merged: &Tree) -> Vec<ChangedExpression> {
     let [base, ours, theirs] = before.map(expressions_of);
     let mut changed = Vec::new();
@@ -32,7 +32,7 @@ pub(super) fn changed_expressions(before: [&Tree; 3], merged: &Tree) -> Vec<Chan
         let in_base = found.find_in(&base);
         let sides = [&ours, &theirs].map(|side| found.find_in(side));
         if sides.into_iter().flatten().any(|side| {
-            // This side wrote the expression, or changed the parameters that the expression names.
+            // This side wrote the expression, or changed which parameters its names refer to.
             let is_edited = in_base.is_none_or(|in_base| in_base.names != side.names);
             is_edited && side.names != found.names
         }) {
@@ -44,7 +44,7 @@ pub(super) fn changed_expressions(before: [&Tree; 3], merged: &Tree) -> Vec<Chan
 }
 
 impl ChangedExpression {
-    /// Returns the error for the expression. In the text, the entry with the expression is marked as a conflict.
+    /// Returns the error for the expression. In `text`, the entry that contains the expression is marked as a conflict.
     pub(super) fn diagnostic(&self, path: &Path, text: &str) -> Diagnostic {
         let message = format!(
             "`{}` would change its meaning with the parameters of the other side",
@@ -64,7 +64,7 @@ impl ChangedExpression {
         }
     }
 
-    /// Returns the first position of the expression that is between conflict markers.
+    /// Returns the first position of the expression between conflict markers. `None` if it does not occur there.
     fn span_in(&self, text: &str) -> Option<Span> {
         let marks = text.find("<<<<<<< ours").unwrap_or_default();
         let mut behind_call = false;
@@ -79,7 +79,7 @@ impl ChangedExpression {
 }
 
 impl Expression {
-    /// Finds the expression in another text: at the same path, or elsewhere in the same entry if the expression was moved within a list.
+    /// Finds the expression in another text: at the same path or, if it was moved within a list, in the same entry.
     fn find_in<'r>(&self, all: &'r [Self]) -> Option<&'r Self> {
         let mut same = all.iter().filter(|it| it.text == self.text);
         let here = same.clone().find(|it| it.path == self.path);
@@ -136,7 +136,7 @@ impl Search<'_> {
     }
 }
 
-/// Returns the entries that contain the expressions.
+/// Returns the entries that contain the changed expressions, such as `nodes.moved`.
 pub(super) fn entries_of(changed: &[ChangedExpression]) -> BTreeSet<String> {
     changed.iter().map(|it| it.entry.clone()).collect()
 }

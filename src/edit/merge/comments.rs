@@ -1,4 +1,4 @@
-//! Merges spaces and comments. Changes that only one side made are taken, and no comment is lost.
+//! Merges spaces and comments. A change that only one side made is taken, and no new comment is lost.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,7 +6,7 @@ use maquette_syntax::{Token, tokens};
 
 use super::align::match_items;
 
-/// A comment, with the space before it.
+/// A comment, with the spaces and line breaks before it.
 #[derive(Clone, Copy)]
 struct Note<'t> {
     lead: &'t str,
@@ -43,8 +43,8 @@ pub(super) fn ends_in_line_comment(text: &str) -> bool {
     tokens(text).last().is_some_and(|(token, _)| *token == Token::LineComment)
 }
 
-/// Merges the gaps (spaces and comments) around equal tokens, such as `"name" : `. If the tokens differ, returns the text of the side that
-/// changed them.
+/// Merges the gaps (spaces and comments) around tokens such as `"name" : `. If the tokens themselves differ, returns the text of the side
+/// that changed them.
 pub(super) fn merge_gaps(base: &str, ours: &str, theirs: &str) -> String {
     let [before, left, right] = [base, ours, theirs].map(tokens_with_gaps);
     fn words(gaps: &[(&str, &str)]) -> Vec<String> {
@@ -63,7 +63,7 @@ pub(super) fn merge_gaps(base: &str, ours: &str, theirs: &str) -> String {
         .collect()
 }
 
-/// Returns each token with the gap before it. The gap at the end comes with an empty token.
+/// Returns each token with the gap before it. The last item has an empty token and the gap at the end of the text.
 fn tokens_with_gaps(text: &str) -> Vec<(&str, &str)> {
     let (mut gaps, mut start) = (Vec::new(), 0);
     for (token, span) in tokens(text) {
@@ -76,8 +76,8 @@ fn tokens_with_gaps(text: &str) -> Vec<(&str, &str)> {
     gaps
 }
 
-/// Merges the spaces and comments between two tokens. Takes the gap of the side that changed comments, or else of the side that changed
-/// spaces. If both sides changed comments, keeps all new comments.
+/// Merges the gap (spaces and comments) between two tokens. Takes the gap of the side that changed comments or, if neither did, of the side
+/// that changed spaces. If both sides changed comments, keeps all new comments.
 fn merge_gap(base: &str, ours: &str, theirs: &str) -> String {
     let [before, left, right] = [base, ours, theirs].map(comments);
     if left == right || right == before {
@@ -101,7 +101,7 @@ fn merge_gap(base: &str, ours: &str, theirs: &str) -> String {
         let note = if is_ours { mine[k] } else { other[k] };
         let lead = match (is_ours, note.lead.matches('\n').count()) {
             (true, _) => note.lead.to_owned(),
-            // If the other side only reworded comments, our layout is kept.
+            // If the other side only reworded comments, keep our layout.
             _ if mine.len() == other.len() => mine[k].lead.to_owned(),
             (false, 0) if note.lead.is_empty() => " ".to_owned(),
             (false, 0) => note.lead.to_owned(),
@@ -121,8 +121,8 @@ fn merge_gap(base: &str, ours: &str, theirs: &str) -> String {
     }
 }
 
-/// Merges two lists of comments: our comments except those that the other side removed, and the new comments of the other side. Each
-/// comment is given by a flag, which is true if the comment is ours, and its index on its side.
+/// Merges two lists of comments: keeps our comments unless the other side removed them, and adds the other side's new comments. In the
+/// result, the flag is true for our comments, and the number is the index of the comment on its side.
 fn merge_comments(before: &[&str], left: &[&str], right: &[&str]) -> Vec<(bool, usize)> {
     let (ours, theirs) = (match_items(before, left), match_items(before, right));
     let kept = BTreeSet::from_iter(theirs.iter().flatten());
@@ -148,8 +148,8 @@ fn merge_comments(before: &[&str], left: &[&str], right: &[&str]) -> Vec<(bool, 
     all
 }
 
-/// Returns true if the result is wrong: it lacks a comment that one side wrote and the other side kept, or contains a comment that one side
-/// removed or reworded.
+/// Returns true if a merged text has wrong comments: it lacks a comment that one side wrote and the other side did not remove, or contains
+/// a comment that one side removed or reworded.
 pub(super) fn has_wrong_comments(texts: [&str; 3], result: &str, has_conflicts: bool) -> bool {
     let [base, ours, theirs, found] = [texts[0], texts[1], texts[2], result].map(|text| {
         let mut counts: BTreeMap<String, usize> = BTreeMap::new();
@@ -169,7 +169,7 @@ pub(super) fn has_wrong_comments(texts: [&str; 3], result: &str, has_conflicts: 
             (_, true) => (ours, ours),
             _ => (sum.min(most), sum.max(most)),
         };
-        // A conflict contains the comments of both sides, so none of them is lost.
+        // A conflict repeats the comments of both sides, so there may be more comments but not fewer.
         found < least || !has_conflicts && found > most
     })
 }

@@ -1,4 +1,4 @@
-//! Merges texts by lines, as git does. It is used for texts that cannot be parsed.
+//! Merges texts by lines, as git does. For texts that cannot be parsed.
 
 use maquette_syntax::error::Diagnostic;
 

@@ -1,4 +1,4 @@
-//! Splits values into parts with the space around them, and joins such parts to values.
+//! Splits values into their parts with the spaces around them, and joins such parts to values.
 
 use std::collections::BTreeSet;
 
@@ -10,7 +10,7 @@ use maquette_syntax::{Body, Kind, Token, Tree, tokens};
 use super::comments::ends_in_line_comment;
 use super::units::PlainNumbers;
 
-/// A value, with the text that contains it.
+/// A value, together with the whole text of the file that contains it.
 #[derive(Clone, Copy)]
 pub(super) struct Value<'t> {
     pub(super) text: &'t str,
@@ -18,16 +18,16 @@ pub(super) struct Value<'t> {
     pub(super) interpretation: &'t Interpretation,
 }
 
-/// Data about the parts of a text that their tokens do not show.
+/// Data about the values of a text that cannot be seen in their tokens alone.
 pub(super) struct Interpretation {
-    /// The offsets of those fields whose values equal their defaults.
+    /// The byte offsets of the fields whose values equal their defaults.
     pub(super) defaults: BTreeSet<usize>,
-    /// The values with units, converted to plain numbers.
+    /// Values with units, converted to plain numbers, by their byte offsets.
     pub(super) numbers: PlainNumbers,
 }
 
 impl<'t> Value<'t> {
-    /// Returns the text of the value.
+    /// Returns the part of the text that is the value.
     pub(super) fn source_text(self) -> &'t str {
         &self.text[self.tree.span.start..self.tree.span.end]
     }
@@ -37,7 +37,7 @@ impl<'t> Value<'t> {
         self.normal_form() == other.normal_form()
     }
 
-    /// Returns the value for comparison: with plain numbers, and without fields that equal their defaults.
+    /// Returns the value in a form for comparison: with plain numbers, and without fields that equal their defaults.
     fn normal_form(self) -> Tree {
         let mut tree = self.tree.clone();
         self.interpretation.normalize(&mut tree);
@@ -84,12 +84,12 @@ impl Interpretation {
     }
 }
 
-/// A part of a value: a field, an entry or an item.
+/// A part of a value: a field of a call, an entry of a map or an item of a list.
 #[derive(Clone, Copy)]
 pub(super) struct Part<'t> {
     /// The spaces and comments before the part.
     pub(super) before: &'t str,
-    /// The name of the part with its colon. Empty for an item.
+    /// The name of the part and its colon. Empty for an item.
     pub(super) name: &'t str,
     pub(super) value: Value<'t>,
     pub trailing: Trailing<'t>,
@@ -109,7 +109,7 @@ impl Part<'_> {
     }
 }
 
-/// The text after the part that belongs to it: the text before its comma, and the comment on its line.
+/// The text that follows a part and belongs to it: the text before its comma, and the comment on the same line.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Trailing<'t> {
     pub(super) comma: &'t str,
@@ -121,15 +121,15 @@ pub(super) struct Parts<'t> {
     /// The text up to and including the opening bracket.
     pub(super) open: &'t str,
     pub(super) all: Vec<(String, Part<'t>)>,
-    /// The text after the last part, with the closing bracket.
+    /// The text after the last part, up to and including the closing bracket.
     pub(super) close: &'t str,
     /// True if a comma follows the last part of the value.
     pub(super) comma: bool,
 }
 
 impl<'t> Parts<'t> {
-    /// Splits a map, or a call with fields, if all names in it are different. If `lists` is set, also splits a list, whose items get their
-    /// canonical texts as names.
+    /// Splits a map or a call with fields. Returns `None` if a name occurs twice. If `lists` is set, also splits a list, using the
+    /// canonical text of each item as its name.
     pub(super) fn read(value: Value<'t>, lists: bool) -> Option<Self> {
         let named: Vec<(String, &Tree)> = match &value.tree.kind {
             Kind::Map(entries) => entries
@@ -155,7 +155,7 @@ impl<'t> Parts<'t> {
         Some(Self::from_entries(value, named))
     }
 
-    /// Splits a list or a tuple. The names of the items are given.
+    /// Splits a list or a tuple, using `names` as the names of its items.
     pub(super) fn from_items(value: Value<'t>, names: Vec<String>) -> Option<Self> {
         let items = value.items()?;
         Some(Self::from_entries(value, names.into_iter().zip(items).collect()))
@@ -193,7 +193,7 @@ impl<'t> Parts<'t> {
         Self { open: &text[tree.span.start..start], all, close, comma }
     }
 
-    /// Returns true if this value has a part for each part of `other`.
+    /// Returns true if this value has a part of the same name for each part of `other`.
     pub(super) fn has_all(&self, other: &Parts<'_>) -> bool {
         other.all.iter().all(|(key, _)| self.get(key).is_some())
     }
@@ -235,7 +235,7 @@ impl<'t> Gap<'t> {
     }
 }
 
-/// A part to be written.
+/// The text of a part, to be written into the merged value.
 #[derive(Clone)]
 pub(super) struct Piece {
     pub(super) before: String,
@@ -244,13 +244,13 @@ pub(super) struct Piece {
     pub(super) line: String,
 }
 
-/// A part to be written; if the sides conflict, the versions of both sides.
+/// A merged part, or the versions of both sides if they conflict. A version is `None` if that side has removed the part.
 pub(super) enum MergedPart {
     Piece(Piece),
     Conflict(Option<Piece>, Option<Piece>),
 }
 
-/// Writes parts between `open` and `close`. The layout is that of the original value, on one line or on several lines.
+/// Writes parts between the brackets `open` and `close`, in the layout of the original value: on one line or on several lines.
 pub(super) fn join_parts(
     parts: &Parts<'_>,
     (open, close): &(String, String),
@@ -299,7 +299,7 @@ pub(super) fn join_parts(
     writer.text
 }
 
-/// Writes a text piece by piece. After each line comment and each conflict marker it writes a line break.
+/// Writes the merged text piece by piece. Writes a line break after each line comment and each conflict marker.
 struct Writer {
     text: String,
     must_end: bool,

@@ -1,4 +1,4 @@
-//! Three-way merge of one value: the base version and the versions of two sides.
+//! Three-way merge of one value, given its base version and the versions of both sides.
 
 use std::collections::BTreeSet;
 
@@ -6,7 +6,7 @@ use super::align::pair_items;
 use super::comments::{comments, merge_gaps};
 use super::parts::{MergedPart, Part, Parts, Piece, Value, join_parts};
 
-/// The merged text of a value, for each side. If there is no conflict, both texts are equal.
+/// The merged text of a value as each side has it. The texts differ only in conflicts.
 pub(super) struct MergedSides {
     pub(super) ours: String,
     pub(super) theirs: String,
@@ -18,44 +18,44 @@ impl MergedSides {
     }
 }
 
-/// A name that both sides have changed in different ways.
+/// An entry to which the two sides have given different new names.
 pub(super) struct RenamedTwice {
     pub(super) section: &'static str,
     pub(super) old: String,
-    /// The name that the entry has in all three texts for the merge.
+    /// The name of the other side, which the entry has in all three texts during the merge.
     pub(super) theirs: String,
     pub(super) ours: String,
 }
 
-/// Merges two versions of a value.
+/// Merges the versions of a value, and collects conflicts.
 pub(super) struct Merger<'r> {
     pub(super) renamed_twice: &'r [RenamedTwice],
-    /// The entries, such as `nodes.red`, that become conflicts even if they could be merged.
+    /// Entries, such as `nodes.red`, that are reported as conflicts even if they could be merged.
     pub(super) kept_separate: &'r BTreeSet<String>,
-    /// The comments of the base text. Other comments are new.
+    /// The comments of the base text. All other comments are new.
     pub(super) known: BTreeSet<&'r str>,
     /// The paths of the conflicts, such as `nodes.red.select.distance`.
     pub(super) conflicts: Vec<String>,
 }
 
-/// The position of a value in the graph.
+/// The path of a value in the graph, and how conflicts in it are marked.
 #[derive(Clone, Copy)]
 struct Location<'p> {
     path: &'p str,
-    /// True if conflicts are marked around the parts of the value. False if a conflict is marked around a larger value.
+    /// True if conflict markers surround single parts of the value. False if they surround a larger value.
     marks_parts: bool,
-    /// The depth of the value below the root.
+    /// Nesting depth of the value: 0 for the graph, 1 for its fields.
     depth: usize,
 }
 
 impl Location<'_> {
-    /// Returns true if the location is the whole graph, or the section `section` as a whole.
+    /// Returns true if the location is the whole graph or the whole section `section`.
     fn is_around(&self, section: &str) -> bool {
         self.path.is_empty() || self.depth == 1 && self.path == section
     }
 }
 
-/// The three versions of a value: in the base text, in our text and in their text.
+/// The three versions of a value: in the base text, in our text and in the other side's text.
 #[derive(Clone, Copy)]
 struct Versions<'t> {
     base: Option<Value<'t>>,
@@ -64,14 +64,14 @@ struct Versions<'t> {
 }
 
 impl Versions<'_> {
-    /// Returns true if the version of a side differs from the base version in meaning.
+    /// Returns true if the version `side` differs in meaning from the base version.
     fn is_changed(&self, side: Value<'_>) -> bool {
         self.base.is_none_or(|base| !base.means_same(side))
     }
 }
 
 impl Merger<'_> {
-    /// Merges three whole texts: the base text, our text and their text.
+    /// Merges three whole texts: the base text, our text and the other side's text.
     pub(super) fn merge_root(
         &mut self,
         base: Value<'_>,
@@ -83,7 +83,7 @@ impl Merger<'_> {
         let MergedSides { ours: left, theirs: right } = self.merge_value(versions, place);
         match left == right {
             true => left,
-            // The outermost values are of different kinds.
+            // The outermost values cannot be merged part by part, so the whole texts are in conflict.
             false => format!("<<<<<<< ours\n{left}\n=======\n{right}\n>>>>>>> theirs"),
         }
     }
@@ -92,7 +92,7 @@ impl Merger<'_> {
         let Versions { base, ours, theirs } = versions;
         let (left, right) = (ours.source_text(), theirs.source_text());
         let before = base.map(Value::source_text);
-        // The entries to be kept separate are conflicts, even if all three texts are equal.
+        // Entries that are kept separate are conflicts even if all three texts are equal.
         let mut sections_apart = self
             .kept_separate
             .iter()
@@ -132,7 +132,7 @@ impl Merger<'_> {
         comments(text).iter().any(|comment| !self.known.contains(comment))
     }
 
-    /// Merges a value part by part. `None` if one of the versions has no parts with names.
+    /// Merges a value part by part. Returns `None` if a version cannot be split into parts with names.
     fn merge_named_parts(
         &mut self,
         versions: Versions<'_>,
@@ -141,7 +141,7 @@ impl Merger<'_> {
         if name(versions.ours) != name(versions.theirs) {
             return None;
         }
-        // The order of expectations does not matter.
+        // In a list of expectations, the order is irrelevant, so the items can be merged by their texts.
         let lists = place.path == "expect"
             && versions.is_changed(versions.ours)
             && versions.is_changed(versions.theirs);
@@ -156,7 +156,8 @@ impl Merger<'_> {
         Some(self.merge_parts(base, &ours, &theirs, place))
     }
 
-    /// Merges lists or tuples item by item, if at most one side changed their meaning, or if both sides changed it in the same way.
+    /// Merges lists or tuples item by item. Possible only if at most one side has changed their meaning, or if both sides have changed it
+    /// in the same way.
     fn merge_items(
         &mut self,
         versions: Versions<'_>,
@@ -181,7 +182,7 @@ impl Merger<'_> {
                 true => pair_items(before, &said),
                 false => (0..said.len()).map(Some).collect(),
             };
-            // Both sides have added the same items.
+            // Both sides have added equal items.
             let numbered = places.into_iter().enumerate();
             Some(
                 numbered
@@ -195,7 +196,7 @@ impl Merger<'_> {
         Some(self.merge_parts(base.as_ref(), &ours, &theirs, place))
     }
 
-    /// Merges each of the named parts, and joins the results to one text per side.
+    /// Merges each part, and joins the merged parts to one text per side.
     fn merge_parts(
         &mut self,
         base: Option<&Parts<'_>>,
@@ -211,8 +212,7 @@ impl Merger<'_> {
                 "" => key.clone(),
                 path => format!("{path}.{key}"),
             };
-            // In the sections of a graph, conflicts are marked around entries. In the graph itself, they are marked around its other
-            // fields.
+            // Conflict markers surround entries of a section, or whole fields of the graph that are not sections.
             let inside =
                 Location { path: &path, marks_parts: place.depth == 0, depth: place.depth + 1 };
             let sides = (ours.get(&key), theirs.get(&key));
@@ -244,7 +244,7 @@ impl Merger<'_> {
         MergedSides { ours: left, theirs: right }
     }
 
-    /// Returns a part that both sides have renamed, with the name that our side gave it.
+    /// If both sides have renamed a part, returns the part with the name that our side gave it.
     fn with_our_name(
         &mut self,
         place: &Location<'_>,
@@ -263,7 +263,7 @@ impl Merger<'_> {
         Some(Piece { own, ..mine.clone() })
     }
 
-    /// Merges a part, for both sides. `None` if the merge removes the part.
+    /// Merges the versions of a part. Returns the merged part for each side, or `None` for a part that the merge removes.
     fn merge_part(
         &mut self,
         base: Option<Part<'_>>,
@@ -273,7 +273,7 @@ impl Merger<'_> {
         match sides {
             (Some(ours), Some(theirs)) => {
                 let MergedSides { ours: left, theirs: right } = match (base, ours, theirs) {
-                    // One side wrote the default of the field explicitly.
+                    // Our side only wrote the default of the field explicitly, so take the other side's value.
                     (None, Part { is_default: true, .. }, _) => {
                         MergedSides::equal(theirs.value.source_text())
                     }
@@ -306,11 +306,11 @@ impl Merger<'_> {
                 let has_new = texts.into_iter().any(|text| self.has_new_comment(text));
                 let is_same = base.is_some_and(|base| base.value.means_same(only.value));
                 match base {
-                    // Only one side has the part, because it added the part.
+                    // Only one side has the part, and the base does not: it was added.
                     None => (Some(piece.clone()), Some(piece)),
-                    // One side removed the part, and the other side did not change it.
+                    // One side removed the part, and the other did not change it.
                     Some(_) if is_same && !has_new => (None, None),
-                    // The value equals its default, so removing the part has no effect.
+                    // The value equals its default, so removing it has not changed the meaning. Keep the changed version.
                     Some(base) if base.is_default => (Some(piece.clone()), Some(piece)),
                     Some(_) => {
                         self.conflicts.push(place.path.to_owned());
@@ -323,7 +323,7 @@ impl Merger<'_> {
     }
 }
 
-/// Returns the name before the parentheses of a value.
+/// Returns the name of a call, such as `Near` in `Near(..)`.
 fn name(value: Value<'_>) -> Option<String> {
     value.tree.name().map(|name| name.text)
 }
@@ -339,7 +339,7 @@ fn has_conflict_marks(text: &str) -> bool {
     text.contains("\n<<<<<<< ours\n")
 }
 
-/// Returns the names of all parts, in our order. A part that the other side added follows the part that precedes it in their text.
+/// Returns the names of all parts, in the order of our text. A part that the other side has added comes after the same part as in its text.
 fn merged_order(base: Option<&Parts<'_>>, ours: &Parts<'_>, theirs: &Parts<'_>) -> Vec<String> {
     let mut order: Vec<_> = ours.all.iter().map(|(key, _)| key.clone()).collect();
     let mut before: Option<&String> = None;

@@ -1,4 +1,4 @@
-//! Converts numbers with units to plain numbers, so that two spellings of one length are equal.
+//! Converts numbers with units to plain numbers, so that `cm(1)` and `mm(10)` count as equal.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,7 +9,7 @@ use maquette_graph::tree::entries;
 use maquette_graph::{Expectation, Files, Graph, Options};
 use maquette_syntax::{Body, Kind, Tree, unit_names};
 
-/// Returns the values with units in the text of a graph as plain numbers, by their offsets in the text.
+/// Returns plain numbers for the values with units in the text of a graph, by the byte offsets of these values.
 pub(super) fn plain_numbers(
     path: &Path,
     text: &str,
@@ -36,7 +36,7 @@ pub(super) fn plain_numbers(
             &mut plain,
         );
     }
-    // The used graphs are read only if the text has numbers with units.
+    // Read the used graphs only if the text has numbers with units.
     let uses = entries(fields, "use").next().is_some();
     let graphs = match uses {
         true => Graph::subgraphs_of(path, text.to_owned(), catalog, &options).0,
@@ -57,7 +57,7 @@ pub(super) fn plain_numbers(
     plain
 }
 
-/// Values with units as plain numbers, by their offsets in the text.
+/// Values with units, converted to plain numbers, by their byte offsets in the text.
 pub(super) type PlainNumbers = BTreeMap<usize, Tree>;
 
 /// Returns true if a number in the value is written with a unit.
@@ -76,7 +76,7 @@ fn has_units(tree: &Tree) -> bool {
     }
 }
 
-/// Collects those parts of a value that change when it is converted to plain numbers.
+/// Collects the parts of a value that differ from its form in plain numbers.
 fn collect_differences(tree: &Tree, plain: &Tree, found: &mut PlainNumbers) {
     match (&tree.kind, &plain.kind) {
         (Kind::List(items), Kind::List(others)) => {

@@ -1,5 +1,5 @@
-//! Moves entries of a map to another text. The comments inside of the entries, after them on their lines, and directly above them are moved
-//! too.
+//! Moves entries of a map to another text. Comments move with an entry if they are inside of it, after it on its line, or directly above
+//! it.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -11,19 +11,19 @@ use maquette_graph::{
 use maquette_syntax::error::{Diagnostic, Span};
 use maquette_syntax::{Kind, LineEnding, Token, Tree, parse, tokens};
 
-/// The indentation in columns that an entry of a section has in the canonical form.
+/// Indentation, in columns, of an entry of a section in the canonical form.
 const ENTRY_INDENT: usize = 8;
 
-/// The entries that were taken out of a map.
+/// Entries that were removed from a map, to be inserted elsewhere.
 pub(crate) struct TakenEntries {
     /// The edits that remove the entries from the original text.
     pub(crate) splices: Vec<Splice>,
-    /// The text of each entry, with its comments and a comma.
+    /// The text of all entries, each with its comments and a comma.
     pub(crate) text: String,
 }
 
-/// Takes entries out of a map and applies the edits `inner` to them. Puts a new entry in the place of the last of them. `write` returns the
-/// text of the new entry for an indentation.
+/// Removes entries from a map, and applies the edits `inner` to the removed text. The last of them is replaced by a new entry, whose text
+/// `write` returns for a given indentation.
 pub(crate) fn take_entries(
     text: &str,
     map: &Tree,
@@ -36,7 +36,7 @@ pub(crate) fn take_entries(
         return TakenEntries { splices: Vec::new(), text: String::new() };
     };
     let Some(runs) = line_runs(text, map, &parts, taken) else {
-        // The entries share lines with other text, so their lines cannot be moved as a whole.
+        // The entries share lines with other text, so whole lines cannot be moved.
         let all = taken.iter().map(|&at| apply_within(text, parts[at], inner) + ",\n").collect();
         let others = taken.iter().copied().filter(|&at| at != last).collect();
         let mut splices = remove_parts(text, map, &others);
@@ -69,7 +69,8 @@ pub(crate) fn take_entries(
     TakenEntries { splices, text: all }
 }
 
-/// Returns the lines of adjacent entries with their comments. `None` if one of the entries shares its lines with other text.
+/// Returns the lines of the taken entries, with their comments; adjacent entries are joined. `None` if an entry shares lines with other
+/// text.
 fn line_runs(text: &str, map: &Tree, parts: &[Span], taken: &BTreeSet<usize>) -> Option<Vec<Span>> {
     let mut runs: Vec<(usize, Span)> = Vec::new();
     for &at in taken {
@@ -82,7 +83,7 @@ fn line_runs(text: &str, map: &Tree, parts: &[Span], taken: &BTreeSet<usize>) ->
     Some(runs.into_iter().map(|(_, run)| run).collect())
 }
 
-/// Returns the lines of an entry, with the comments directly above it and after it. `None` if these lines contain other text.
+/// Returns the lines of an entry, with the comments directly above and after it. `None` if these lines contain other text.
 fn lines_of(text: &str, map: &Tree, parts: &[Span], at: usize) -> Option<Span> {
     indent_of(text, map.span, parts[at])?;
     let tail = Tail::find(text, parts[at].end, map.span.end);
@@ -117,14 +118,15 @@ fn lines_of(text: &str, map: &Tree, parts: &[Span], at: usize) -> Option<Span> {
     Some(Span { start, end })
 }
 
-/// Returns the text that separates a part of a value from a new part after it.
+/// Returns the text that must separate a part of a value from a new part after it: a comma, and either a line break with indentation or a
+/// space.
 pub(crate) fn separator_after(text: &str, owner: &Tree, part: Span) -> String {
     let newline = newline(text, owner.span.end - 1);
     let indent = indent_of(text, owner.span, part);
     indent.map_or(", ".to_owned(), |indent| format!(",{newline}{indent}"))
 }
 
-/// Applies those edits that are inside of a part of a text, and returns the edited part.
+/// Applies the edits that are inside of the span `part`, and returns the edited text of that span.
 pub(crate) fn apply_within(text: &str, part: Span, splices: &[Splice]) -> String {
     fn is_inside(span: &Span, part_start: usize, part_end: usize) -> bool {
         part_start <= span.start && span.end <= part_end
@@ -137,8 +139,8 @@ pub(crate) fn apply_within(text: &str, part: Span, splices: &[Splice]) -> String
     apply(&text[part.start..part.end], moved.collect())
 }
 
-/// Formats entries of `nodes`. Each, including the first one, begins on a line of its own and is indented by [`ENTRY_INDENT`] columns.
-/// Empty if there are no entries.
+/// Formats entries of the section `nodes`. Each entry is on its own line, indented by [`ENTRY_INDENT`] columns. Empty if there are no
+/// entries.
 ///
 /// # Errors
 /// The text does not consist of entries.
@@ -154,8 +156,8 @@ pub(crate) fn indented_entries(path: &Path, entries: &str) -> Result<String, Vec
     Ok(format!("{}\n", inside.trim_matches('\n').trim_end()))
 }
 
-/// Returns the edits that replace an entry by the result of [`indented_entries`]. The comments of the replaced entry are kept above that
-/// result.
+/// Returns the edits that replace an entry by `entries`, a result of [`indented_entries`]. Comments of the replaced entry are kept above
+/// the new entries.
 pub(crate) fn replace_entry(text: &str, map: &Tree, at: usize, entries: &str) -> Vec<Splice> {
     let parts = parts(map);
     let part = parts[at];
@@ -177,7 +179,7 @@ pub(crate) fn replace_entry(text: &str, map: &Tree, at: usize, entries: &str) ->
         new += newline;
         return vec![(Span { start, end: lines.end }, new)];
     }
-    // The comma after the replaced entry is kept.
+    // The replaced entry keeps its comma, so remove the comma after the last new entry.
     let whole = format!("{{{entries}}}");
     let tree = parse(&whole).0;
     let mut last = entries.to_owned();

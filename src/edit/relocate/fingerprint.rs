@@ -1,4 +1,5 @@
-//! Fingerprints of the computations of a graph. They do not depend on the names of nodes, and show that an edit has only moved nodes.
+//! Fingerprints of the computations of a graph. They do not depend on the names of nodes. Equal fingerprints show that an edit has moved
+//! nodes without changing results.
 
 use maquette_graph::expectation::Expectation;
 use maquette_graph::{CheckedGraph, Graph, GraphNode};
@@ -8,18 +9,18 @@ use maquette_value::Hash;
 
 use crate::Editor;
 
-/// A fingerprint of the computations of a graph. Two graphs have equal fingerprints if their nodes have equal keys, whatever the names and
-/// the order of the nodes.
+/// A fingerprint of the computations of a graph. Two graphs have equal fingerprints if their nodes have equal cache keys. The names and the
+/// order of the nodes are irrelevant.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Fingerprint {
     nodes: Vec<Hash>,
     outputs: Vec<(String, Hash)>,
     expected: Vec<String>,
-    /// The promises of the graph that do not follow from promises of its nodes.
+    /// The promises of the graph that are not known to hold from promises of its nodes.
     pub(crate) promised: Vec<String>,
 }
 
-/// The fingerprint for final results and the fingerprint for drafts.
+/// The fingerprint for final results, and the fingerprint for drafts.
 pub(crate) type Fingerprints = [Fingerprint; 2];
 
 impl Editor<'_> {
@@ -31,7 +32,7 @@ impl Editor<'_> {
         self.fingerprints_of_checked(text, &self.check(text, false))
     }
 
-    /// Computes the fingerprints of a text. The text was already checked for final results.
+    /// Computes the fingerprints of a text. `checked` is the result of checking the text for final results.
     pub(super) fn fingerprints_of_checked(
         &self,
         text: &str,
@@ -98,7 +99,7 @@ impl Fingerprint {
     }
 }
 
-/// Computes the hash of a node together with all nodes on which it depends.
+/// Returns a hash of a node and all its dependencies. `before` contains the hashes of all earlier nodes.
 fn hash_of(node: &GraphNode, before: &[Hash]) -> Hash {
     let mut content = node.recipe.identity.0.to_vec();
     for link in &node.links {

@@ -1,4 +1,4 @@
-//! A valid graph with the positions of its parts.
+//! A valid graph, and the positions of its parts in the text.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ use maquette_syntax::{Kind, Tree};
 
 use crate::{ReferenceKind, References};
 
-/// A parsed graph with its references.
+/// A parsed graph file, with its links resolved.
 pub(crate) struct ParsedGraph {
     pub(crate) text: String,
     pub(crate) file: Arc<ParsedFile>,
@@ -34,9 +34,9 @@ pub(crate) struct ResolvedLink {
     pub(crate) span: Span,
     /// The text of the link.
     pub(crate) text: String,
-    /// A description of the part that has the link: port `mask` of `spots`.
+    /// A description of the part that has the link, such as port `mask` of `spots`.
     pub(crate) by: String,
-    /// The indices of the nodes and outputs to which the link leads.
+    /// The pairs of node index and output index to which the link leads.
     pub(crate) targets: Vec<(usize, usize)>,
 }
 
@@ -58,7 +58,7 @@ impl ParsedGraph {
         }
     }
 
-    /// Resolves the links of a parsed file. The file must not be a patch.
+    /// Resolves the links of a parsed file, which must not be a patch.
     pub(crate) fn from_file(world: &mut World<'_>, whole: Arc<ParsedFile>) -> Self {
         let definition = &whole.definition;
         let references = References::of_definition(definition);
@@ -109,14 +109,14 @@ impl ParsedGraph {
         &self.text[span.start..span.end]
     }
 
-    /// Returns the index of the node whose entry in the text contains a span.
+    /// Returns the index of the node whose entry in the text contains the span. `None` if no node does.
     pub(crate) fn owner(&self, span: Span) -> Option<usize> {
         self.entries("nodes")
             .iter()
             .position(|(key, value)| key.span.start <= span.start && span.end <= value.span.end)
     }
 
-    /// Returns the parsed node of this name. For a `ForEach`, returns one of its elements.
+    /// Returns the parsed node of this name. For a `ForEach`, returns the parsed node of one of its elements.
     pub(crate) fn parsed_node(&self, node: &str) -> Option<&ParsedNode> {
         let mut parsed_nodes = self.definition().parsed_nodes.iter();
         parsed_nodes.find(|parsed| {
@@ -125,7 +125,7 @@ impl ParsedGraph {
         })
     }
 
-    /// Returns the node and the output of a link to a single value. `None` for a link to a list.
+    /// Returns the node and the output to which a link leads. `None` if the link leads to a list of values.
     pub(crate) fn single_target(&self, link: &ResolvedLink) -> Option<(usize, usize)> {
         match link.targets[..] {
             [(node, output)] if !self.definition().parsed_nodes[node].is_list(output) => {
@@ -135,8 +135,8 @@ impl ParsedGraph {
         }
     }
 
-    /// Returns the indices of parameters, in the order of the declarations: those that are named in the accepted spans, and those that the
-    /// defaults of these parameters name.
+    /// Returns the indices of parameters, in the order of their declarations: those used at spans that `within` accepts, and those that the
+    /// defaults of these parameters need.
     pub(crate) fn parameters(&self, within: impl Fn(Span) -> bool) -> BTreeSet<usize> {
         let entries = self.entries("params");
         let mut found = self.named_parameters(within);
@@ -173,12 +173,12 @@ impl ParsedGraph {
 }
 
 impl ParsedGraph {
-    /// Returns the positions of all paths of files, which are in nodes and in defaults of parameters.
+    /// Returns the positions of all paths of files, in fields of nodes and in defaults of parameters.
     pub(crate) fn files(&self) -> BTreeSet<Span> {
         files(self.definition())
     }
 
-    /// Returns the edits of the paths at the given positions. The edited paths lead to the same files from another folder.
+    /// Returns the edits that adapt the paths at the given positions to another folder. The edited paths lead to the same files.
     pub(crate) fn rebase_paths(
         &self,
         places: impl IntoIterator<Item = Span>,

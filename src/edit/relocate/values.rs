@@ -1,4 +1,4 @@
-//! Replaces parameters by values in nodes that are moved to another graph.
+//! Replaces the parameters of nodes by values when the nodes are moved to another graph.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,21 +14,21 @@ use maquette_syntax::{Body, ExpectedValue, Kind, Quantity, Tree, Unit, parse, qu
 
 use super::{ParsedGraph, edit_error};
 
-/// The value that replaces a parameter in the graph to which nodes are moved.
+/// The replacement of a parameter. The *target graph* is the graph to which the nodes are moved.
 #[derive(Clone)]
 pub(crate) enum ParameterValue {
-    /// A parameter of the graph to which nodes are moved.
+    /// A parameter of the target graph, by name.
     Parameter(String),
-    /// An expression of parameters of the graph to which nodes are moved.
+    /// An expression of parameters of the target graph.
     Expression(String),
-    /// A value as RON, and the unit in which the parameter is declared.
+    /// A value in RON, and the unit that the replaced parameter declares.
     Value { text: String, unit: Option<String> },
 }
 
-/// Returns the edits of a node that replace parameters by their values. `parameters` are those of the graph to which the node is moved.
+/// Returns the edits of a moved node that replace parameters by their values. `parameters` are those of the graph to which it is moved.
 ///
 /// # Errors
-/// A value cannot be written at the position of the parameter.
+/// A value cannot be written in place of the parameter.
 pub(crate) fn substitution_splices(
     known: &ParsedGraph,
     (key, entry): &(Tree, Tree),
@@ -179,7 +179,7 @@ impl Substitution<'_> {
             });
         }
         let names: Vec<_> = parts.iter().flat_map(|(_, names)| names.clone()).collect();
-        // A name next to a hyphen may be read as a part of a longer name. In that case a second attempt adds parentheses.
+        // A name next to a hyphen may be read as part of a longer name. If so, the second pass adds parentheses.
         for apart in [false, true] {
             let mut new = text.to_owned();
             for (at, (part, _)) in places.iter().zip(&parts).rev() {
@@ -204,8 +204,8 @@ fn unit_error(span: Span, name: &str) -> EditError {
     edit_error(code::WRONG_VALUE, span, message, help)
 }
 
-/// Returns the value of a parameter for a field. If the field has another unit, the value is written with its own unit. `None` if that is
-/// not possible.
+/// Returns the value of a parameter as text for a field. A value in another unit than that of the field is written with its unit. `None` if
+/// the value cannot be written.
 fn value_text(
     name: &str,
     text: &str,
@@ -238,7 +238,7 @@ fn expression_error(name: &str, detail: &str, span: Span, text: &str) -> EditErr
     edit_error(code::EXPRESSION, span, message, help)
 }
 
-/// Collects the edits that add a unit to each number without a unit.
+/// Collects the edits that append the unit to each number without a unit.
 fn add_unit(tree: &Tree, unit: &str, text: &str, splices: &mut Vec<Splice>) {
     match &tree.kind {
         Kind::Number { .. } => {
@@ -256,7 +256,7 @@ fn add_unit(tree: &Tree, unit: &str, text: &str, splices: &mut Vec<Splice>) {
     }
 }
 
-/// Returns a value in the form of an operand of an expression. `None` if the value is neither a number nor a condition.
+/// Returns a value as an operand for an expression. `None` if it is neither a number nor a truth value.
 fn operand_text(text: &str, unit: Option<&str>) -> Option<String> {
     let tree = parse(text).0;
     if let Some(Quantity { value, .. }) = Quantity::read(&tree) {

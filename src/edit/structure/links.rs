@@ -11,7 +11,7 @@ use super::{Removals, Structure, call_of, edit_error, to_errors};
 use crate::references::References;
 
 impl Structure<'_> {
-    /// Returns a node and the path to a port in its call.
+    /// Splits `node.port` into the node's name, its call and the path of the port within the call.
     fn find_port<'p>(&self, given: &'p str) -> Result<(&'p str, &Tree, Vec<&'p str>), EditError> {
         let Some((node, port)) = given.split_once('.') else {
             let message = format!("`{given}` is not a port");
@@ -46,7 +46,7 @@ impl Structure<'_> {
         let (node, call, steps) = self.find_port(port)?;
         let (splices, way) = self.link_splices(node, call, &steps, &quote(to))?;
         let text = apply(self.text, splices);
-        // Only a check of the graph can tell which texts are links.
+        // Only a check of the graph shows which texts are links.
         let (tree, _) = parse(&text);
         let references = References::read(self.editor, &text);
         let way: Vec<_> = way.iter().map(String::as_str).collect();
@@ -66,7 +66,7 @@ impl Structure<'_> {
         edit_error(code::UNKNOWN_FIELD, call.span, message, help)
     }
 
-    /// Returns the edits that put a link at a port, and the path of the link in the new text.
+    /// Returns the edits that set a link at a port, and the path of the link in the new text.
     fn link_splices(
         &self,
         node: &str,

@@ -4,21 +4,21 @@ use maquette_node::{Carry, Exactness};
 use maquette_syntax::{resolve, resolve_field, to_ron, variants};
 use serde_json::{Value as Json, json};
 
-/// The documentation of a node type, which is a built-in node or a graph used as a node.
+/// The documentation of a node type: of a built-in node, or of a graph that is used as a node.
 pub struct Description<'a> {
     pub name: &'a str,
-    /// The pack of a built-in node, or the file of a graph.
+    /// The name of the pack for a built-in node; the path of the file for a graph.
     pub pack: &'a str,
-    /// The version of a graph, if the graph declares one.
+    /// The version of a graph. `None` for built-in nodes and for graphs without a version.
     pub version: Option<&'a str>,
     pub schema: &'a Json,
-    /// The name of each output, and its types.
+    /// The name of each output, and the types that its values can have.
     pub outputs: Vec<(String, Vec<&'static str>)>,
-    /// The names of outputs with their promised properties, as text.
+    /// The promised properties as text, each with the name of the output.
     pub promises: Vec<(String, String)>,
-    /// The effect of the node on attributes, if it is documented.
+    /// The documented effects of the node on attributes. Empty if they are not documented.
     pub carries: &'static [Carry],
-    /// The degree to which results agree between machines and builds.
+    /// How closely the results agree between machines and builds.
     pub exactness: Exactness,
 }
 
@@ -76,7 +76,7 @@ pub struct PortDescription {
     pub types: Vec<String>,
     pub optional: bool,
     pub many: bool,
-    /// The required properties of the values, as text.
+    /// The properties that the port requires of its values, as text.
     pub requirements: Vec<String>,
     pub doc: String,
 }
@@ -136,8 +136,8 @@ pub fn describe_parameter(schema: &Json, root: &Json) -> String {
     describe_type(schema, root, &[])
 }
 
-/// Describes a schema that is nested in the types `within`. These are identified by their references, so that the description of a
-/// recursive type ends.
+/// Describes a schema that is nested in the types `within`. A type in this list, identified by its reference, is not described again, so
+/// that the description of a recursive type is finite.
 fn describe_type(schema: &Json, root: &Json, within: &[&str]) -> String {
     let refers = schema.get("$ref").and_then(Json::as_str);
     if refers.is_some_and(|refers| within.contains(&refers)) {
@@ -184,7 +184,7 @@ fn describe_type(schema: &Json, root: &Json, within: &[&str]) -> String {
             let [least, most, above, below] =
                 ["minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"]
                     .map(|name| schema.get(name).and_then(Json::as_f64));
-            // If both limits exist, the narrower one applies.
+            // If the schema has both an inclusive and an exclusive limit, use the narrower one.
             let above = above.filter(|above| least.is_none_or(|least| least <= *above));
             let below = below.filter(|below| most.is_none_or(|most| *below <= most));
             let lowest = above.map(|above| format!(" above {above}"));
@@ -240,7 +240,7 @@ mod tests {
             (json!({ "minimum": 0.0 }), "number from 0"),
             (json!({ "minimum": 0.0, "maximum": 1.0 }), "number 0 to 1"),
             (json!({ "maximum": 1.0, "unit": "mm" }), "number up to 1 mm"),
-            // If both limits exist, the narrower one applies.
+            // With both an inclusive and an exclusive limit, the narrower one is printed.
             (json!({ "minimum": 0.0, "exclusiveMinimum": 0.0, "unit": "mm" }), "number above 0 mm"),
             (json!({ "minimum": 1.0, "exclusiveMinimum": 0.0 }), "number from 1"),
             (json!({ "exclusiveMinimum": 0.0, "maximum": 2.0 }), "number above 0, up to 2"),

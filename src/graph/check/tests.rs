@@ -1,4 +1,4 @@
-//! Files with many errors, to test that the work is proportional to the size of the file.
+//! Tests that checking a file with many errors takes time proportional to the size of the file.
 
 use std::path::Path;
 
@@ -8,8 +8,7 @@ use crate::Options;
 use crate::catalog::Catalog;
 use crate::load::load_text;
 
-/// Returns the number of diagnostics for a text, checked without built-in nodes, and the number of names that were compared for
-/// suggestions.
+/// Checks a text without built-in nodes. Returns the number of diagnostics, and the number of names that were compared to find suggestions.
 fn diagnostics(text: String) -> (usize, usize) {
     let catalog = Catalog::new(&[]);
     COMPARISONS.set(0);
@@ -21,7 +20,7 @@ fn graph(params: &str, nodes: &str, outputs: &str) -> String {
     format!("Graph(format: 1, params: {{{params}}}, nodes: {{{nodes}}}, outputs: {{{outputs}}})")
 }
 
-/// Checks that four times as many errors, among four times as many names, take at most four times as many comparisons.
+/// Checks that a text with four times as many errors and names takes at most four times as many comparisons.
 fn check_growth(text: impl Fn(usize) -> String) {
     let [(few, little), (many, much)] = [300, 1200].map(|count| diagnostics(text(count)));
     assert!(few >= 300 && many >= 1200, "{few} and {many} problems");

@@ -1,4 +1,4 @@
-//! Expands the elements of a `ForEach` whose number is not known when the file is read.
+//! Expands each `ForEach` whose number of elements is unknown when the file is read.
 
 use std::collections::HashSet;
 
@@ -44,7 +44,7 @@ impl Expansion<'_, '_> {
         (0..count).map(|output| (node, output)).collect()
     }
 
-    /// Adds the elements of a repeated node: all of them if their number is known, otherwise an example.
+    /// Adds the elements of a repeated node. If their number is unknown, adds one example element.
     pub(super) fn expand_repeated(
         &mut self,
         definition: &Definition,
@@ -99,7 +99,7 @@ impl Expansion<'_, '_> {
                 false => self.expand_instance(definition, parsed, &one, scope, values),
             });
         }
-        // Elements differ only in their numbers, so an error at the same position of several elements is reported once.
+        // The elements differ only in their numbers. If several have an error at the same position, report it once.
         let found = self.world.diagnostics.split_off(known);
         let mut seen = HashSet::new();
         self.world.diagnostics.extend(
@@ -118,7 +118,7 @@ impl Expansion<'_, '_> {
         let given = (0..outputs.len()).map(|output| {
             let mut all = elements.iter().filter_map(|element| element.get(output).copied());
             match carried.iter().find(|(_, carried)| *carried == output) {
-                // If there are no elements, a carried output has the value of the corresponding input.
+                // Without elements, a carried output has the value of the corresponding input.
                 Some((port, _)) => all
                     .next_back()
                     .or_else(|| first_value(port, parsed, values))
@@ -139,8 +139,8 @@ impl Expansion<'_, '_> {
         RepeatedValues { elements, outputs: given, is_open }
     }
 
-    /// Adds an element of data. An error that concerns only this element, such as one caused by its number, could not be known when the
-    /// graph was read. It therefore makes the node of the element fail during evaluation.
+    /// Adds one element of a `ForEach` over data. Its number may cause an error that was unknown when the graph was read. The node of this
+    /// element then fails during evaluation.
     fn expand_data_element(
         &mut self,
         definition: &Definition,
@@ -168,7 +168,7 @@ impl Expansion<'_, '_> {
         self.push_failing_node(definition, parsed, one.name(parsed, scope), why, scope)
     }
 
-    /// Adds a node that fails in place of the parsed node.
+    /// Adds a node that fails, instead of the parsed node.
     fn push_failing_node(
         &mut self,
         definition: &Definition,
@@ -184,7 +184,7 @@ impl Expansion<'_, '_> {
         (0..parsed.types.len()).map(|output| (node, output)).collect()
     }
 
-    /// Returns the outputs of the element that a link selects by its number.
+    /// Returns the outputs of one element, to which a link such as `spots/2` refers by number.
     pub(super) fn expand_pick(
         &mut self,
         definition: &Definition,

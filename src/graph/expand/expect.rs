@@ -1,4 +1,4 @@
-//! Adds the requirements and expectations of used graphs to the flat graph.
+//! Adds the requirements and expectations in the files of used graphs to the flat graph.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -9,8 +9,8 @@ use crate::expected::{ExpectingUse, GraphExpectation};
 use crate::{Guard, RequiringInput};
 
 impl Expansion<'_, '_> {
-    /// Adds tests of the properties that a graph requires of its inputs. They are added to the nodes from index `first` on that take these
-    /// inputs.
+    /// Adds tests of the properties that a graph requires of its inputs. The tests are made by the nodes that take these inputs, among
+    /// those with index `first` or greater.
     pub(super) fn add_guards(&mut self, graph: &Definition, scope: &Scope, first: usize) {
         for (input, wants) in graph.wants.iter().enumerate().filter(|(_, wants)| !wants.is_empty())
         {
@@ -45,7 +45,7 @@ impl Expansion<'_, '_> {
         }
     }
 
-    /// Adds the expectations of a graph for one of its uses.
+    /// Adds the expectations in the file of a graph for one node that uses the graph.
     pub(super) fn add_expectations(
         &mut self,
         definition: &Definition,
@@ -63,7 +63,7 @@ impl Expansion<'_, '_> {
             (name, ExpectingUse { uses: scope.uses.clone(), inside, givers })
         });
         for BoundExpectation { expectation, span, targets } in &definition.expect {
-            // If an input is omitted, an expectation of its value does not apply.
+            // An expectation about the value of an omitted input does not apply.
             if targets.iter().flatten().any(|target| values.first_target(*target).is_none()) {
                 continue;
             }

@@ -1,6 +1,6 @@
-//! Removal of links to inputs that a use omits.
+//! Removes links to the optional inputs that are omitted when a graph is used.
 //!
-//! The fields of the node are read again without such a link. The node then has the same key as a node that is written without the link.
+//! The fields of a node are read again without such a link. The node then has the same cache key as a node that never had the link.
 
 use std::collections::HashMap;
 
@@ -10,10 +10,10 @@ use maquette_syntax::{Body, Field, Kind, Tree};
 use super::Scope;
 use crate::definition::{Definition, ParsedNode};
 
-/// The positions of links to omitted inputs. The flag is true for a link at a port that takes a list.
+/// The positions of links to omitted inputs. The value is true if the link is at a port that takes a list of links.
 pub(super) type AbsentLinks = HashMap<Span, bool>;
 
-/// Returns the links of a node to omitted inputs.
+/// Returns those links of a node that lead to omitted inputs.
 pub(super) fn absent_links(
     definition: &Definition,
     parsed: &ParsedNode,
@@ -29,8 +29,8 @@ pub(super) fn absent_links(
     absent.map(|(link, _)| (link.span, link.is_list)).collect()
 }
 
-/// Removes links from the fields of a node. At a port that takes one link, the whole field is removed; at a port that takes a list, one
-/// item.
+/// Removes links from the fields of a node. A field of a port that takes a single link is removed. In a port that takes a list, only the
+/// item is removed.
 pub(super) fn without_links(tree: &Tree, gone: &AbsentLinks) -> Tree {
     if gone.is_empty() {
         return tree.clone();
@@ -48,7 +48,7 @@ pub(super) fn without_links(tree: &Tree, gone: &AbsentLinks) -> Tree {
             let kept = fields.iter().filter_map(|field| {
                 let value = match is_absent(&field.value, gone) {
                     None => without_links(&field.value, gone),
-                    // The list consists of a single link.
+                    // A port that takes a list has a single link without brackets.
                     Some(true) => Tree::new(field.value.span, Kind::List(Vec::new())),
                     Some(false) => return None,
                 };

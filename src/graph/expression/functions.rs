@@ -11,14 +11,14 @@ pub(super) struct Function {
     pub(super) kind: FunctionKind,
 }
 
-/// The way in which a function computes its result.
+/// The units that a function accepts and returns, and the code that computes its result.
 #[derive(Clone, Copy)]
 pub(super) enum FunctionKind {
-    /// Returns a number in the common unit of the arguments.
+    /// The arguments are converted to a common unit, which is also the unit of the result.
     Alike(fn(&[f64]) -> f64),
-    /// Returns an angle in rad. The arguments are converted to one unit.
+    /// The arguments are converted to a common unit. The result is an angle in rad.
     Angle(fn(&[f64]) -> f64),
-    /// Returns any quantity. The text describes the accepted arguments, and an error is the index of a wrong argument.
+    /// The function treats units itself. The text describes the accepted arguments, and an error is the index of a wrong argument.
     Quantity(&'static str, fn(&[Quantity]) -> Result<Quantity, usize>),
 }
 
@@ -105,12 +105,12 @@ pub(crate) fn function_names() -> impl Iterator<Item = &'static str> {
     FUNCTIONS.iter().map(|function| function.name).chain(["if"])
 }
 
-/// Returns true for a word that has a fixed value, such as a constant.
+/// Returns true for the words `true`, `false` and `pi`, which have a fixed value.
 pub(crate) fn is_constant(word: &str) -> bool {
     matches!(word, "true" | "false" | "pi")
 }
 
-/// Applies `value` to the sine and cosine of an angle. A number without a unit is an angle in rad.
+/// Applies the function `value` to the sine and cosine of the angle `x`. A number without a unit is an angle in rad.
 fn apply_to_angle(x: Quantity, value: fn((f64, f64)) -> f64) -> Result<Quantity, usize> {
     fn unit(name: &str) -> Unit {
         Unit::from_name(name).unwrap_or_default()
@@ -126,7 +126,7 @@ fn apply_to_angle(x: Quantity, value: fn((f64, f64)) -> f64) -> Result<Quantity,
     }
 }
 
-/// Returns the sine and cosine of an angle in degrees. They are exact for multiples of a right angle.
+/// Returns the sine and cosine of an angle in degrees. The results are exact for multiples of 90 degrees.
 fn sin_cos_degrees(degrees: f64) -> (f64, f64) {
     let turn = degrees % 360.0;
     match (turn + 360.0) % 360.0 {

@@ -1,4 +1,4 @@
-//! Results of expressions, and error messages.
+//! Tests of the results and error messages of expressions.
 
 use super::*;
 

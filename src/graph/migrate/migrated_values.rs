@@ -1,8 +1,8 @@
-//! Migration of values that are put into a node from outside of the graph's text: by `--set`, a test, a patch or an edit. A value for an
-//! old field name is moved to the current field.
+//! Migration of values that are put into a node from outside of the graph file: by `--set`, a test, a patch or an edit. A value for an
+//! outdated field name is moved to the current field.
 //!
-//! [`migrate_field_value`] reads the value as if it were the only field of the node. Callers that store the value in a text write the
-//! result there.
+//! [`migrate_field_value`] reads the value as if it were the only field of the node. Callers that store the value in a file write the
+//! migrated path and value.
 
 use maquette_syntax::error::Span;
 use maquette_syntax::{Body, Field, Kind, LocalDiagnostic, MAX_DEPTH, Name, Tree, parse, quote};
@@ -12,19 +12,19 @@ use crate::catalog::Catalog;
 use crate::draft_value::is_side;
 use crate::tree::entries;
 
-/// The span that marks the value, so that it can be found in the migrated node.
+/// An impossible span that marks the value, so that it can be found in the migrated node.
 const MARK: Span = Span { start: usize::MAX, end: usize::MAX };
 
 /// A migrated value, with the current name of its field.
 pub struct MigratedValue {
-    /// The path of the field from the node: `select.distance`.
+    /// The path of the field within the node, such as `select.distance`.
     pub(crate) path: String,
     pub value: Tree,
     /// Warnings about the outdated parts of the value.
     pub(crate) diagnostics: Vec<LocalDiagnostic>,
 }
 
-/// Migrates a value that is put at a path of a node. `None` if nothing in the value and the path is outdated.
+/// Migrates a value that is to be set at a path within a node. Returns `None` if the path and the value are current.
 pub fn migrate_field_value(
     node: &Tree,
     path: &str,
@@ -52,7 +52,7 @@ pub fn migrate_field_value(
         };
         marked = Tree::new(value.span, kind);
     }
-    // The node has only this field and, for a `ForEach`, the type that it repeats.
+    // Keep only the marked field and, for a `ForEach`, the field `graph`, which names the repeated type.
     let Kind::Call { name, body: Body::Fields(fields) } = &mut marked.kind else { return None };
     let graph = node.fields().unwrap_or_default().iter().filter(|it| it.name.text == "graph");
     fields.extend(graph.cloned());
@@ -71,8 +71,8 @@ pub fn migrate_field_value(
     Some(MigratedValue { path, value: Tree { span: value.span, ..found.clone() }, diagnostics })
 }
 
-/// Returns the marked value and the names that lead to it, where `None` stands for an item of a list. If the value was moved into a group,
-/// the group is marked too.
+/// Returns the marked value, and the names on the path to it. `None` in the path is an item of a list. If the value was moved into a group
+/// of fields, the group is marked too.
 fn find_marked<'t>(tree: &'t Tree, steps: &mut Vec<Option<String>>) -> Option<&'t Tree> {
     let mut inside = |step: Option<String>, tree: &'t Tree| {
         steps.push(step);
@@ -92,7 +92,7 @@ fn find_marked<'t>(tree: &'t Tree, steps: &mut Vec<Option<String>>) -> Option<&'
     found.or((tree.span == MARK).then_some(tree))
 }
 
-/// Returns the text of a migrated value. Parts that are equal in the old value keep their old text.
+/// Returns the text of a migrated value. Unchanged parts keep their old text.
 pub fn migrated_text(old: &Tree, new: &Tree, text: &str) -> String {
     let Span { start, end } = old.span;
     let mut splices = Vec::new();
@@ -103,7 +103,7 @@ pub fn migrated_text(old: &Tree, new: &Tree, text: &str) -> String {
     apply(&text[start..end], splices)
 }
 
-/// Returns those nodes of a graph whose types come from packs, not from used graphs.
+/// Returns the nodes of a graph whose types are defined by packs, not by used graphs.
 pub(crate) fn nodes_of_packs(graph: &Tree) -> impl Iterator<Item = (&str, &Tree)> {
     let fields = graph.fields().unwrap_or_default();
     let own: Vec<_> = entries(fields, "use").map(|(name, _)| name).collect();
@@ -113,16 +113,16 @@ pub(crate) fn nodes_of_packs(graph: &Tree) -> impl Iterator<Item = (&str, &Tree)
     })
 }
 
-/// Splits a target: returns the node at its beginning, the name of that node, and the remaining path.
+/// Splits the target of a value: returns the node, the name of the node, and the path within the node.
 fn node_of<'t, 'n>(graph: &'t Tree, target: &'n str) -> Option<(&'t Tree, &'n str, &'n str)> {
     let (name, path) = target.split_once('.')?;
-    // An element of a `ForEach` has the type that the `ForEach` repeats.
+    // An element of a `ForEach`, such as `copies/1`, has the type that the `ForEach` repeats.
     let each = name.split_once('/').map_or(name, |(each, _)| each);
     let (_, node) = nodes_of_packs(graph).find(|(known, _)| *known == each)?;
     Some((node, name, path))
 }
 
-/// Migrates a target and its value in a graph. `None` if nothing in them is outdated.
+/// Migrates a target and its value in a graph. Returns `None` if both are current.
 pub fn migrate_target(
     graph: &Tree,
     target: &str,
@@ -136,7 +136,7 @@ pub fn migrate_target(
     Some((format!("{name}.{}", renewed.path), renewed))
 }
 
-/// Returns the edits that migrate the `nodes` of a patch.
+/// Returns the edits that migrate the section `nodes` of a patch.
 pub(super) fn patch_splices(
     patch: &Tree,
     graph: &Tree,
@@ -156,8 +156,8 @@ pub(super) fn patch_splices(
     splices
 }
 
-/// Collects the edits that migrate the fields of one node in a patch. If a field was moved into another group, it gets an entry of its own,
-/// because the other fields of that group must keep the values that they have in the patched graph.
+/// Collects the edits that migrate the fields of one node in a patch. A field that was moved into another group gets an entry of its own:
+/// the other fields of that group must keep the values that they have in the patched graph.
 fn group_splices(
     (key, owner, group): (&Tree, &str, &Tree),
     graph: &Tree,
@@ -194,20 +194,20 @@ fn group_splices(
     }
 }
 
-/// Returns the edits of the next migration step of one node.
+/// Returns the edits of the next migration step for one node.
 pub fn node_steps(text: &str, name: &str, catalog: &Catalog) -> Vec<Splice> {
     let (tree, _) = parse(text);
     let found = nodes_of_packs(&tree).find(|(known, _)| *known == name);
     found.map_or_else(Vec::new, |(_, node)| super::call_steps(node, text, catalog))
 }
 
-/// Returns warnings about the outdated parts of one node.
+/// Returns warnings about the outdated names in one node.
 pub fn outdated_parts(graph: &Tree, name: &str, catalog: &Catalog) -> Vec<LocalDiagnostic> {
     let found = nodes_of_packs(graph).find(|(known, _)| *known == name);
     found.map_or_else(Vec::new, |(_, node)| migrate_node(node, catalog).1)
 }
 
-/// Migrates the field that a target names in the text of a graph, so that a value can be put at the field's current name.
+/// Migrates the field to which a target refers in the text of a graph, so that a value can be set under the field's current name.
 pub fn prepare_for(text: String, target: &str, catalog: &Catalog) -> String {
     let (tree, _) = parse(&text);
     let Some((node, name, path)) = node_of(&tree, target) else { return text };

@@ -1,4 +1,4 @@
-//! Migration of old names in the settings that tests contain.
+//! Migration of outdated names in the values that tests set.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ use crate::tree::entries;
 use crate::{Files, Graph, Options};
 
 impl Graph {
-    /// Migrates the fields that a test of the given graphs sets, so that their names are current.
+    /// Migrates the fields that a test sets in the given graphs to their current names. Returns the text of the test.
     pub fn migrate_test(text: &str, graphs: &[PathBuf], catalog: &Catalog) -> String {
         let options = Options { files: Files::Ignored, ..Options::default() };
         let graphs: Vec<_> = graphs
@@ -27,7 +27,7 @@ impl Graph {
     }
 }
 
-/// Returns the edits that migrate all maps `set` in a test of the given graphs.
+/// Returns the edits that migrate all maps `set` in a test. `graphs` are the tested graphs.
 fn test_splices(test: &Tree, graphs: &[Tree], text: &str, catalog: &Catalog) -> Vec<Splice> {
     let mut splices = Vec::new();
     for (_, case) in entries(test.fields().unwrap_or_default(), "cases") {

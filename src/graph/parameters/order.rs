@@ -10,7 +10,7 @@ use crate::declaration::Declaration;
 use crate::expression::named_parameters;
 use crate::tree::text_in_call;
 
-/// The declarations in an order in which each comes after those from which its default is computed.
+/// An order of the declarations in which each parameter comes after those from which its default is computed.
 pub(super) struct Order {
     /// The indices of the declarations. Declarations in a cycle are reported and left out.
     pub(super) indices: Vec<usize>,
@@ -46,7 +46,7 @@ impl Order {
         let mut is_cyclic = vec![false; declarations.len()];
         let mut all = Vec::with_capacity(declarations.len());
         for first in 0..declarations.len() {
-            // The search is not recursive, because a chain of parameters may contain all of them.
+            // Use a loop instead of recursion, because a chain of dependent parameters can be long.
             let mut open = Vec::new();
             if states[first] == State::New {
                 states[first] = State::Open;
@@ -82,7 +82,7 @@ impl Order {
     }
 }
 
-/// Returns the error for a cycle of parameters, each of which is computed from the next one.
+/// Returns the error for a cycle of parameters. Each parameter in `cycle` is computed from the next one.
 fn cycle_diagnostic(
     declarations: &[Declaration],
     cycle: &[usize],
@@ -108,7 +108,7 @@ fn cycle_diagnostic(
     }
 }
 
-/// Returns the parameters that a value names, in the order of the value.
+/// Returns the names of the parameters that occur in a value, in the order of their occurrence.
 pub(crate) fn names_in(tree: &Tree, is_known: &dyn Fn(&str) -> bool) -> Vec<String> {
     let mut names = Vec::new();
     collect(tree, is_known, &mut names);

@@ -1,4 +1,4 @@
-//! The origin of a pinned result: the node and all its dependencies, with their types, parameters, links and files.
+//! The ancestry of a pinned result: the node and all its dependencies, with their types, parameters, links and files.
 
 use std::collections::HashMap;
 use std::sync::LazyLock;
@@ -15,7 +15,7 @@ use crate::{GraphNode, Link};
 /// The nodes from which a result was computed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ancestry {
-    /// The hash of all nodes, which does not depend on their names.
+    /// The hash of the data of all nodes. The names of the nodes do not affect it.
     made: String,
     /// The node and its dependencies, the nearest first.
     steps: Vec<Step>,
@@ -31,12 +31,12 @@ struct Step {
     parameters: Json,
     /// For each port, its link as `node.output`.
     links: Vec<(String, String)>,
-    /// For each file, its name as the graph contains it, and the hash of its content and companions.
+    /// For each file, its path as the graph contains it, and the hash of its content and companions.
     files: Vec<(String, Option<String>)>,
 }
 
 impl Ancestry {
-    /// Collects the dependencies of the node at `index`. In the list of nodes, each node must come after those on which it depends.
+    /// Collects the dependencies of the node at `index`. In `nodes`, each node must come after those on which it depends.
     pub fn trace(nodes: &[GraphNode], index: usize, readers: &Readers) -> Self {
         static KNOWN: LazyLock<KnownFiles> = LazyLock::new(KnownFiles::default);
         let reads = Reads::new(&KNOWN, readers);
@@ -67,7 +67,7 @@ impl Ancestry {
         Self { made: made[&index].to_string(), steps }
     }
 
-    /// Describes one change of the node or of its dependencies: the one that is nearest to the node.
+    /// Describes the change of the node or its dependencies that is nearest to the node. `None` if nothing has changed.
     pub fn change(&self, nodes: &[GraphNode], index: usize, readers: &Readers) -> Option<String> {
         let now = Self::trace(nodes, index, readers);
         if self.made == now.made {
@@ -75,7 +75,7 @@ impl Ancestry {
         }
         let (before, names) = (self.by_name(), self.names_before(&now));
         let changed = now.steps.iter().enumerate().find_map(|(place, step)| {
-            // For a new node, the reported change is that of the link to the node.
+            // For an added node, the change is reported at the link to that node.
             let owner = if place == 0 { String::new() } else { format!("{}.", step.name) };
             before.get(names.get(&step.name[..])?)?.change(step, &owner, &names)
         });
@@ -86,7 +86,8 @@ impl Ancestry {
         self.steps.iter().map(|step| (&step.name[..], step)).collect()
     }
 
-    /// Returns the previous names of the current nodes. A renamed node has the type and the link of the node that it replaces.
+    /// Returns the previous name of each current node. A node counts as renamed if a removed node had its type and was linked in the same
+    /// way.
     fn names_before<'a>(&'a self, now: &'a Self) -> HashMap<&'a str, &'a str> {
         let (before, later) = (self.by_name(), now.by_name());
         let mut names: HashMap<&str, &str> = before.keys().map(|&name| (name, name)).collect();

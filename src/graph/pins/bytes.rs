@@ -1,4 +1,4 @@
-//! The file format of pinned values: a header, which is one line of JSON, then the values, then their large columns.
+//! The file format of pinned values: a header of one line of JSON, then the values, then their large columns.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -10,7 +10,7 @@ const MAGIC: &[u8] = b"maqpin01";
 
 #[derive(Serialize, Deserialize)]
 struct Header {
-    /// For each value, its number of bytes without its columns.
+    /// For each value, its number of bytes, not including its columns.
     values: Vec<usize>,
     columns: Vec<(Hash, usize)>,
 }
@@ -31,7 +31,7 @@ pub fn write(values: &[AnyValue]) -> Vec<u8> {
     bytes
 }
 
-/// Decodes values of the given types and hashes. `None` if the bytes contain other values or are damaged.
+/// Decodes values of the given types and hashes. Returns `None` if the bytes are damaged or contain other values.
 pub(crate) fn read(bytes: &[u8], outputs: &[(&'static ValueType, Hash)]) -> Option<Vec<AnyValue>> {
     let rest = bytes.strip_prefix(MAGIC)?;
     let end = rest.iter().position(|byte| *byte == b'\n')?;
@@ -76,6 +76,6 @@ impl Columns for Content<'_> {
         bytes.filter(|bytes| bytes.len() == into.len()).map(|it| into.copy_from_slice(it)).is_some()
     }
 
-    /// The hashes of the values reveal damage.
+    /// Nothing to report: damage is detected by the hashes of the values.
     fn report_damage(&self, _: Hash) {}
 }

@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::{Ancestry, EXTENSION, Pin, Pins};
 
 impl Pins {
-    /// Reads the pins of a graph. Empty if it has none.
+    /// Reads the pins of a graph. Returns an empty list if the graph has none.
     ///
     /// # Errors
     /// The file cannot be read, or is not a list of pins.
@@ -34,7 +34,8 @@ impl Pins {
         let errors = syntax_diagnostics(&name, &none.source.text, errors);
         if let Some(error) = errors.into_iter().next() {
             let known = none.error(error.span, error.message);
-            // A damaged list, for example one with a merge conflict, can be repaired without losing all pins.
+            // Prefer the help of the syntax error, which says how to repair the list, for example after a merge conflict. The general help
+            // is to delete the file, which loses all pins.
             let help = if error.help.is_empty() { known.help.clone() } else { error.help };
             return Err(Box::new(Diagnostic { help, ..*known }));
         }
@@ -47,7 +48,7 @@ impl Pins {
         Box::new(self.diagnostic(span, code::PIN, message, help.into()))
     }
 
-    /// Returns the text of the file.
+    /// Returns the text of the file that lists the pins.
     pub fn to_text(&self) -> String {
         let pins = self.pins.iter().map(|(name, Pin { outputs, ancestry, .. })| {
             let from = serde_json::to_string(ancestry).unwrap_or_default();
@@ -68,7 +69,7 @@ struct PinsFile<'p> {
 
 #[derive(Serialize)]
 struct PinEntry<'p> {
-    /// The type and the hash of each output.
+    /// For each output of the node, the name of its value type and the hash of its value.
     outputs: &'p [(String, Hash)],
     /// The ancestry of the result, as JSON.
     from: String,

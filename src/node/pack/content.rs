@@ -8,26 +8,26 @@ use maquette_value::Hash;
 use maquette_value::memory::huge_vec;
 use maquette_value::parallel::*;
 
-/// The size of a piece in bytes. A piece fits in a core's cache. The size is a power of two, so each piece is a subtree of the BLAKE3 hash
-/// tree.
+/// Size of a piece in bytes. A piece fits in the cache of a processor core. Because the size is a power of two, each piece is a subtree of
+/// the BLAKE3 hash tree.
 const PIECE_BYTES: usize = 1 << 18;
 
-/// The minimum size in bytes of a file that is written in pieces.
+/// Minimum size in bytes of a file that is written in pieces. Smaller files are computed in memory.
 const MIN_STREAMED: usize = 16 << 20;
 
-/// A function that computes the bytes of a file from a given offset on.
+/// A function that computes the bytes of a file from a given offset and fills a slice with them.
 type FillFunction<'a> = Box<dyn Fn(usize, &mut [u8]) + Sync + 'a>;
 
-/// A function that returns a hash of everything that determines the bytes of a range.
+/// A function that returns a hash of all data from which the bytes of a range are computed.
 type SourceHash<'a> = Box<dyn Fn(Range<usize>) -> Hash + Sync + 'a>;
 
-/// The content of a file: bytes in memory, or pieces that are computed on demand.
+/// The content of a file: bytes in memory, or pieces that are computed when they are written.
 pub struct Content<'a> {
     kind: Kind<'a>,
     cached_data: CachedData,
 }
 
-/// Data that belongs to a content and is cached together with it.
+/// Data that is cached together with the content of a file, so that writing the file again is faster.
 #[doc(hidden)]
 pub type CachedData = Option<Box<dyn Any + Send + Sync>>;
 
@@ -36,7 +36,7 @@ enum Kind<'a> {
     Pieces { len: usize, fill: FillFunction<'a>, made_of: Option<SourceHash<'a>> },
 }
 
-/// The hashes of the pieces of a content. Empty if the hashes are not known.
+/// The hashes of the pieces of a content. Empty if the hashes are unknown.
 #[derive(Clone, Default)]
 #[doc(hidden)]
 pub struct Pieces(Vec<Piece>);
@@ -48,7 +48,7 @@ struct Piece {
 }
 
 impl Pieces {
-    /// Returns true if the hashes are not known.
+    /// Returns true if the hashes are unknown.
     #[doc(hidden)]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
@@ -56,16 +56,16 @@ impl Pieces {
 }
 
 impl<'a> Content<'a> {
-    /// Creates a content of `len` bytes. `fill` computes the bytes of any range: it gets the offset of the first byte, and must fill the
-    /// whole slice.
+    /// Creates a content of `len` bytes. `fill` computes the bytes of a range: its arguments are the offset of the first byte, and a slice
+    /// that it must fill completely.
     pub fn pieces(len: usize, fill: impl Fn(usize, &mut [u8]) + Sync + 'a) -> Self {
         let kind = Kind::Pieces { len, fill: Box::new(fill), made_of: None };
         Self { kind, cached_data: None }
     }
 
-    /// Adds a function that returns a hash of everything that determines the bytes of a range. If the hashes for two values are equal, the
-    /// bytes must be equal. When the file is written again, it is computed only where a hash has changed. The function should cost less
-    /// than computing the bytes; it may, for example, hash the hashes of the source data. Law 14 of `maquette::conformance` tests it.
+    /// Adds a function that returns a hash of all data from which the bytes of a range are computed. Equal hashes must mean equal bytes.
+    /// When the file is written again, only pieces whose hash has changed are computed. The function should be cheaper than computing the
+    /// bytes; it can, for example, combine hashes of the source data. Law 14 of `maquette::conformance` tests it.
     #[must_use]
     pub fn made_of(mut self, made_of: impl Fn(Range<usize>) -> Hash + Sync + 'a) -> Self {
         if let Kind::Pieces { made_of: slot, .. } = &mut self.kind {
@@ -74,7 +74,7 @@ impl<'a> Content<'a> {
         self
     }
 
-    /// Adds data that is cached as long as the file may be written again, so that the data need not be computed again.
+    /// Adds data that is cached until the file is written again, so that the data need not be recomputed.
     #[doc(hidden)]
     pub fn with_cached_data(mut self, kept: impl Any + Send + Sync) -> Self {
         self.cached_data = Some(Box::new(kept));
@@ -95,7 +95,7 @@ impl<'a> Content<'a> {
         }
     }
 
-    /// Returns true if the file is empty.
+    /// Returns true if the content has no bytes.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -113,7 +113,7 @@ impl<'a> Content<'a> {
         }
     }
 
-    /// Computes the bytes from an offset on.
+    /// Computes bytes of the content, beginning at the offset `place`, and fills `bytes` with them.
     #[doc(hidden)]
     pub fn fill(&self, place: usize, bytes: &mut [u8]) {
         match &self.kind {
@@ -122,13 +122,13 @@ impl<'a> Content<'a> {
         }
     }
 
-    /// Converts a content that is small to bytes in memory.
+    /// Converts a content that is smaller than the minimum size for pieces to bytes in memory.
     #[must_use]
     pub(crate) fn in_memory_if_small(self) -> Self {
         if self.len() < MIN_STREAMED { self.into_bytes().into() } else { self }
     }
 
-    /// Returns the bytes of a content that is in memory.
+    /// Returns the bytes of a content in memory. `None` for a content in pieces.
     #[doc(hidden)]
     pub fn as_bytes(&self) -> Option<&[u8]> {
         match &self.kind {
@@ -137,9 +137,9 @@ impl<'a> Content<'a> {
         }
     }
 
-    /// Calls `take` with each piece and its offset, in parallel and in no particular order. Returns the hash of the content, and the hashes
-    /// of the pieces for the next time the file is written. The hashes of unchanged pieces come from `known`. A piece is skipped if `there`
-    /// says that the file already contains it.
+    /// Calls `take` with the offset and bytes of each piece, in parallel and in any order. Returns the hash of the content, and the hashes
+    /// of the pieces. `known` contains the hashes from the last time the file was written, so that unchanged pieces need not be computed. A
+    /// piece is skipped if `there` says that the file on disk already contains it.
     #[doc(hidden)]
     pub fn for_each_piece<E: Send>(
         &self,
@@ -192,7 +192,7 @@ impl<'a> Content<'a> {
         Ok((hash, known))
     }
 
-    /// Returns the hash of everything that determines the bytes of a range. `None` if no function computes it.
+    /// Returns a hash of all data from which the bytes of a range are computed. `None` if there is no function for it.
     #[doc(hidden)]
     pub fn range_hash(&self, stretch: Range<usize>) -> Option<Hash> {
         match &self.kind {
@@ -208,12 +208,13 @@ impl From<Vec<u8>> for Content<'_> {
     }
 }
 
-/// Returns the chaining value (the intermediate hash) of a piece within the BLAKE3 hash tree of a larger file.
+/// Returns the chaining value (the intermediate hash) of a piece, which is a subtree of the BLAKE3 hash tree of a larger file.
 fn subtree(start: usize, piece: &[u8]) -> ChainingValue {
     blake3::Hasher::new().set_input_offset(start as u64).update(piece).finalize_non_root()
 }
 
-/// Returns the chaining values (intermediate hashes) of the two halves of several pieces. The left half is the largest complete tree.
+/// Returns the chaining values (intermediate hashes) of the two children of a node in the hash tree. The left child is the largest complete
+/// tree.
 fn children(pieces: &[ChainingValue]) -> (ChainingValue, ChainingValue) {
     let (left, right) = pieces.split_at(pieces.len().next_power_of_two() / 2);
     (merge_subtree(left), merge_subtree(right))
@@ -282,7 +283,7 @@ mod tests {
     #[test]
     fn unchanged_pieces_are_reused() {
         let len = 5 * PIECE_BYTES + 9;
-        // All bytes of a piece have the same value.
+        // Fills each piece with one number.
         fn content_of(numbers: [u8; 6], len: usize) -> Content<'static> {
             let content = Content::pieces(len, move |place, bytes| {
                 bytes.fill(numbers[place / PIECE_BYTES]);
@@ -294,7 +295,7 @@ mod tests {
         let file = Mutex::new(vec![0; len]);
         for numbers in [[1, 2, 3, 4, 5, 6], [1, 2, 9, 4, 5, 6], [2, 2, 9, 4, 5, 7], [0; 6]] {
             let content = content_of(numbers, len);
-            // The content is written first over the file with the known pieces, and then to a new file.
+            // Write the content first over a file whose pieces are known, and then to a new file.
             let (hash, pieces) = content
                 .for_each_piece(Some(&known), Some(&known), |place: usize, piece| {
                     file.lock().unwrap()[place..][..piece.len()].copy_from_slice(piece);
@@ -312,7 +313,7 @@ mod tests {
             assert_eq!(nothing.0, hash, "all is there");
             known = pieces;
         }
-        // This function does not detect a wrong hash. A law of `maquette::conformance` does.
+        // Wrong source hashes are not detected here, but by a law of `maquette::conformance`.
         let liar = Content::pieces(len, |_, bytes| bytes.fill(1)).made_of(|_| Hash::compute(&[0]));
         let lie =
             liar.for_each_piece(Some(&known), None, |_, _| Ok::<_, Infallible>(())).map(|it| it.0);

@@ -1,4 +1,4 @@
-//! Adds provenance to the bytes of files of well-known formats after the files were written, so that writers need not support provenance.
+//! Adds provenance to the bytes of files in well-known formats after they were written, so that the writers need not do it.
 
 use std::borrow::Cow;
 
@@ -6,10 +6,10 @@ use serde_json::{Value as Json, json};
 
 use super::Signature;
 
-/// The key of the provenance in comments and documents.
+/// The key under which comments and JSON documents contain the provenance.
 const KEY: &str = "maquette";
 
-/// The text before the hash in the header of an STL file.
+/// The text in the header of an STL file before the hash of the provenance.
 const STL: &str = "binary STL of maquette, mm, ";
 
 /// Provenance that was found in a file.
@@ -22,7 +22,7 @@ pub enum EmbeddedProvenance {
     Hash(String),
 }
 
-/// Adds the provenance to a file with this extension. If the format has little space, adds only the hash. Files of other formats are not
+/// Adds the provenance to a file with this extension, or only its hash if the format has little space. Files of other formats are not
 /// changed: PTX has a fixed structure of lines, and other programs misread or reject comments in XYZ files.
 #[doc(hidden)]
 pub fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }: &Signature) {
@@ -64,15 +64,15 @@ pub fn comment_of_ply(words: &str) -> String {
     pad(lines.join("\n")) + "\n"
 }
 
-/// The beginning of each line of [`comment_of_ply`].
+/// The beginning of each comment line that [`comment_of_ply`] writes.
 const COMMENT: &str = "comment maquette ";
 
-/// The maximum length in bytes of a line of `comment_of_ply`, without the up to 63 spaces at the end of the last line. rply, with which
-/// Open3D and CloudCompare read PLY files, refuses lines of more than 1024 bytes.
+/// Maximum length in bytes of a line of `comment_of_ply`, not including up to 63 spaces at the end of the last line. Open3D and
+/// CloudCompare read PLY files with rply, which rejects lines of more than 1024 bytes.
 const MAX_COMMENT: usize = 192;
 
-/// The number of bytes of the ASCII text that go into the next line. A line must neither begin nor end with a blank, because other programs
-/// may drop such blanks.
+/// Returns the number of bytes of the ASCII text that fit on the next line. A line must not begin or end with a space, because other
+/// programs may remove such spaces.
 fn end_of_line(text: &str) -> usize {
     let max = MAX_COMMENT - COMMENT.len();
     if text.len() <= max {
@@ -90,7 +90,7 @@ pub fn comment_of_obj(words: &str) -> String {
     format!("# {KEY} {words}\n")
 }
 
-/// Pads a text with spaces to a multiple of 64 bytes. Then a changed number does not move the rest of the file, and that rest need not be
+/// Pads a text with spaces to a multiple of 64 bytes. A slightly longer number then does not move the rest of the file, which need not be
 /// written again.
 #[doc(hidden)]
 pub fn pad(mut text: String) -> String {
@@ -99,14 +99,14 @@ pub fn pad(mut text: String) -> String {
     text
 }
 
-/// Returns the value of `asset.extras` of a GLB file, which contains the provenance.
+/// Returns the provenance as the value of `asset.extras` in a GLB file.
 #[doc(hidden)]
 pub fn extras_of_glb(words: &str) -> Option<Json> {
     let provenance: Json = serde_json::from_str(words).ok()?;
     Some(json!({ KEY: provenance }))
 }
 
-/// Finds the provenance in a file with this extension.
+/// Finds the provenance in a file with this extension. `None` if the file contains none.
 #[doc(hidden)]
 pub fn find(ending: &str, bytes: &[u8]) -> Option<EmbeddedProvenance> {
     fn words(text: &str) -> Option<EmbeddedProvenance> {
@@ -164,7 +164,7 @@ pub fn find(ending: &str, bytes: &[u8]) -> Option<EmbeddedProvenance> {
     }
 }
 
-/// Returns the first 64 KiB of a file as text. Headers are shorter, and arbitrary data may follow them.
+/// Returns the first 64 KiB of a file as text. All headers are shorter; the data after a header may be arbitrary bytes.
 fn head(bytes: &[u8]) -> Cow<'_, str> {
     String::from_utf8_lossy(&bytes[..bytes.len().min(1 << 16)])
 }
@@ -172,7 +172,7 @@ fn head(bytes: &[u8]) -> Cow<'_, str> {
 /// An edit of the bytes of a file: an offset, the number of bytes to replace, and the new bytes.
 type Splice = (usize, usize, Vec<u8>);
 
-/// Inserts a line after the first line, if the file begins with `start`.
+/// Inserts a line after the first line of a file. `None` if the file does not begin with `start`.
 fn line_behind(bytes: &[u8], start: &[u8], line: &str) -> Option<Splice> {
     if !bytes.starts_with(start) {
         return None;
@@ -207,7 +207,7 @@ fn glb_document(bytes: &[u8]) -> Option<Json> {
     serde_json::from_slice(bytes.get(20..20 + length)?).ok().filter(|_| is_document)
 }
 
-/// Replaces the first chunk of a GLB file by a chunk with `asset.extras`.
+/// Adds the provenance to a GLB file: replaces the first chunk by one with `asset.extras`.
 fn glb(bytes: &[u8], words: &str) -> Option<Splice> {
     let mut document = glb_document(bytes)?;
     let before = u32::from_le_bytes(*bytes.get(12..)?.first_chunk()?) as usize;
@@ -220,7 +220,7 @@ fn glb(bytes: &[u8], words: &str) -> Option<Splice> {
     Some((12, 8 + before, chunk))
 }
 
-/// Appends the provenance as a field to a JSON object.
+/// Adds the provenance to a JSON object as its last field.
 fn json_text(bytes: &[u8], words: &str) -> Option<Splice> {
     let text = str::from_utf8(bytes).ok()?.trim_end();
     let inside = text.strip_prefix('{')?.strip_suffix('}')?.trim_end();
@@ -234,19 +234,19 @@ fn stl(bytes: &[u8], hash: &str) -> Option<Splice> {
     is_binary.then(|| (0, 80, format!("{:<80}", format!("{STL}{hash}")).into_bytes()))
 }
 
-/// The name of the file in a 3MF archive that contains the provenance.
+/// The name of the file with the provenance inside of a 3MF archive.
 const NOTE: &[u8] = b"Metadata/maquette.json";
 
-/// Adds a file to a ZIP archive, after the other files and before the directory. The archive must have no comment, like those that our
-/// writer makes.
+/// Adds the provenance as a file to a ZIP archive, after the other files and before the directory. The archive must not have an archive
+/// comment; those that our writer makes have none.
 fn zip(bytes: &[u8], words: &str) -> Option<Splice> {
     let end = bytes.len().checked_sub(22)?;
     let record = bytes[end..].strip_prefix(b"PK\x05\x06")?;
     let start = number(&record[12..])? as usize;
     let count = u16::from_le_bytes([record[4], record[5]]).checked_add(1)?;
     let length = (words.len() as u32).to_le_bytes();
-    // The part that both headers have in common: version 2.0, no flags, not compressed, January 1, 1980, checksum, sizes, length of the
-    // name, no extra field.
+    // The part that the local header and the directory entry share: version 2.0, no flags, no compression, January 1, 1980, checksum,
+    // sizes, length of the name, no extra field.
     let mut header = [20, 0, 0, 0, 0, 0, 0, 0, 33, 0].to_vec();
     header.extend(checksum(words.as_bytes()).to_le_bytes());
     header.extend([length, length].as_flattened());
@@ -264,15 +264,15 @@ fn zip(bytes: &[u8], words: &str) -> Option<Splice> {
     Some((start, bytes.len() - start, new))
 }
 
-/// The tag and the type (ASCII) of the entry `ImageDescription` in the directory of a TIFF file.
+/// The tag 270, `ImageDescription`, and the type 2, ASCII, of an entry in the directory of a TIFF file.
 const DESCRIPTION: [u8; 4] = [14, 1, 2, 0];
 
 fn number(bytes: &[u8]) -> Option<u32> {
     bytes.first_chunk().map(|bytes| u32::from_le_bytes(*bytes))
 }
 
-/// Returns the offset and the entries of the first directory of a TIFF file. An entry has a tag, a type, a count, and a value or the offset
-/// of the value.
+/// Returns the offset and the entries of the first directory of a TIFF file. An entry consists of a tag, a type, a count, and a value or
+/// the offset of the value.
 fn directory(bytes: &[u8]) -> Option<(usize, &[[u8; 12]])> {
     let start = number(bytes.strip_prefix(b"II*\0")?)? as usize;
     let (count, rest) = bytes.get(start..)?.split_first_chunk()?;
@@ -280,8 +280,8 @@ fn directory(bytes: &[u8]) -> Option<(usize, &[[u8; 12]])> {
     Some((start, entries.as_chunks().0))
 }
 
-/// Replaces the directory by a directory with one more entry, followed by the text of that entry. The directory must be at the end of the
-/// file, which is where our writer puts it.
+/// Adds the provenance to a TIFF file: replaces the directory by one with one more entry, followed by the text of that entry. The directory
+/// must be at the end of the file, where our writer puts it.
 fn tiff(bytes: &[u8], words: &str) -> Option<Splice> {
     let (start, entries) = directory(bytes)?;
     let is_last = bytes.len() == start + 2 + 12 * entries.len() + 4;
@@ -302,7 +302,7 @@ fn tiff(bytes: &[u8], words: &str) -> Option<Splice> {
     is_last.then(|| (start, bytes.len() - start, new))
 }
 
-/// The bytes with which every PNG file begins, before the first chunk.
+/// The signature at the start of every PNG file.
 const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 
 /// Returns the type and the content of each chunk of a PNG file.
@@ -316,7 +316,7 @@ fn chunks(bytes: &[u8]) -> impl Iterator<Item = (&[u8], &[u8])> {
     })
 }
 
-/// Inserts a chunk `tEXt` after the header chunk.
+/// Adds the provenance to a PNG file, as a chunk `tEXt` after the header chunk.
 fn png(bytes: &[u8], words: &str) -> Option<Splice> {
     let (kind, header) = chunks(bytes).next().filter(|(kind, _)| *kind == b"IHDR")?;
     let at = SIGNATURE.len() + 4 + kind.len() + header.len() + 4;
@@ -327,7 +327,7 @@ fn png(bytes: &[u8], words: &str) -> Option<Splice> {
     Some((at, 0, chunk))
 }
 
-/// CRC-32 of ISO 3309, as in W3C, "PNG Specification", 3rd edition (2025), annex D.
+/// Computes the CRC-32 of ISO 3309, as in W3C, "PNG Specification", 3rd edition (2025), annex D.
 fn checksum(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0, |crc, byte| {
         (0..8).fold(crc ^ u32::from(*byte), |crc: u32, _: u32| {
@@ -390,7 +390,7 @@ mod tests {
         let text = str::from_utf8(&bytes).unwrap();
         assert!(text.starts_with("ply\ncomment other\nformat ascii 1.0\ncomment maquette {"));
         assert!(text.lines().all(|line| line.len() <= 255), "{text}");
-        // Some programs drop blanks at the ends of lines when they write the file again.
+        // Some programs remove spaces at the ends of lines when they write the file again.
         let trimmed: String = text.lines().map(|line| format!("{}\r\n", line.trim_end())).collect();
         for text in [text, &trimmed] {
             assert_eq!(

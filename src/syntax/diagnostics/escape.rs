@@ -1,5 +1,5 @@
-//! Escapes control characters for terminals. Names, documentation and files may contain sequences that move the cursor or change the title
-//! of the window.
+//! Escapes control characters for terminals. Names, documentation and files may contain control sequences that move the cursor or change
+//! the window title.
 
 use std::borrow::Cow;
 
@@ -14,7 +14,7 @@ pub fn sanitize(text: &str) -> Cow<'_, str> {
     if !text.contains(affects_terminal) {
         return Cow::Borrowed(text);
     }
-    // Windows line endings are converted, not escaped.
+    // Windows line endings are converted to line feeds instead of being escaped.
     Cow::Owned(
         text.replace("\r\n", "\n")
             .chars()
@@ -28,7 +28,7 @@ pub fn sanitize(text: &str) -> Cow<'_, str> {
     )
 }
 
-/// As [`sanitize`], except that line feeds and tabs, which names may contain, are replaced too.
+/// Like [`sanitize`], but also replaces line feeds and tabs. For names, which are printed on one line.
 pub fn sanitize_line(text: &str) -> Cow<'_, str> {
     match sanitize(text) {
         text if !text.contains(['\n', '\t']) => text,
@@ -36,8 +36,8 @@ pub fn sanitize_line(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// Replaces control characters of two or more bytes by symbols of the same length, so that byte offsets into the text stay valid. Control
-/// characters of one byte are kept, because `annotate_snippets` replaces them itself.
+/// Replaces control characters of two or more bytes by symbols of the same length, so that byte offsets into the text stay valid. One-byte
+/// control characters are left to `annotate_snippets`, which replaces them itself.
 pub(super) fn sanitize_same_length(text: &str) -> Cow<'_, str> {
     fn is_long(c: char) -> bool {
         affects_terminal(c) && c.len_utf8() > 1

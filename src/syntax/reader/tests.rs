@@ -164,7 +164,7 @@ fn errors_in_a_struct_in_a_variant_have_their_own_positions() {
     check_refused("At", &["1:1 field `shape` of Node: expected one value: `At(..)`, found `At`"]);
 }
 
-/// Reads a text without checking a schema, and formats the error as line, column and message.
+/// Deserializes a text without a schema check. Returns the error as line, column and message.
 fn read_unchecked<T: DeserializeOwned + fmt::Debug>(text: &str) -> String {
     let error = read_tree::<T>(&parse(text).0).unwrap_err();
     let Position { line, column } = Position::from_offset(text, error.span.unwrap().start);

@@ -1,10 +1,10 @@
-//! Rules: schema keywords that JSON schema does not have. Most of them relate several numbers or fields:
+//! Rules: additional schema keywords that are not part of JSON schema. Most of them relate several numbers or fields:
 //!
-//! - `"direction": true` of a vector: it must not be zero.
-//! - `"nonzero": true` of a number, and `"multipleOf"`.
-//! - `"most": "max"` of a field: none of its numbers may exceed that of the field `max` of the same struct. With `"wraps": {"space": "Hsv"}`
+//! - `"direction": true` of a vector: the vector must not be zero.
+//! - `"nonzero": true` of a number: the number must not be zero. Also the keyword `"multipleOf"` of JSON schema.
+//! - `"most": "max"` of a field: its numbers must not exceed those of the field `max` of the same struct. With `"wraps": {"space": "Hsv"}`,
 //!   the first numbers of both are not compared if the field `space` is `Hsv`.
-//! - `"least": 1` of a port that takes a list: an empty list is an error.
+//! - `"least": 1` of a port that takes a list: the list must not be empty.
 
 use serde_json::Value as Json;
 
@@ -14,7 +14,7 @@ use crate::error::code;
 use crate::tree::{Body, Field, Kind, Tree};
 
 impl Walk<'_> {
-    /// Checks that a vector does not violate the rules of its schema, such as `"direction": true`.
+    /// Checks a vector against the rules in its schema, such as `"direction": true`.
     pub(super) fn check_vector(&mut self, tree: &Tree, items: &[Tree], schema: &Json, field: &str) {
         if schema.get("direction").is_some()
             && items.iter().all(|item| matches!(item.kind, Kind::Number { value: 0.0, .. }))
@@ -26,7 +26,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Describes the rule that a number violates although it is within its range.
+    /// Describes the rule that a number violates. `None` if the number is valid. Its range is checked elsewhere.
     pub(super) fn violated_number_rule(value: f64, schema: &Json) -> Option<String> {
         let factor = schema.get("multipleOf").and_then(Json::as_f64);
         match factor.filter(|factor| value % factor != 0.0) {
@@ -36,7 +36,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Checks that no lower bound of a pair of fields is above the upper bound.
+    /// Checks pairs of fields that are a lower and an upper bound: no lower bound may exceed its upper bound.
     pub(super) fn check_order(&mut self, fields: &[Field], schema: &Json, owner: &str) {
         fn value<'a>(fields: &'a [Field], name: &str) -> Option<&'a Tree> {
             fields.iter().find(|field| field.name.text == name).map(|it| &it.value)
@@ -61,8 +61,8 @@ impl Walk<'_> {
         }
     }
 
-    /// Suggests a port for an unknown field whose name is that of a type, such as `mesh` or `points`: the only port that takes values of
-    /// this type.
+    /// If an unknown field has the name of a type, such as `mesh` or `points`, suggests the port that takes values of this type. `None` if
+    /// several ports do.
     pub(super) fn port_for(&self, name: &str, schema: &Json) -> Option<Help> {
         let properties = schema.get("properties")?.as_object()?;
         let wanted = name.replace('_', "");
@@ -82,7 +82,7 @@ impl Walk<'_> {
     }
 }
 
-/// Returns the numbers of a value, each with the tree that contains it.
+/// Returns all numbers in a value, each with its node of the tree.
 fn numbers(tree: &Tree) -> Vec<(&Tree, f64)> {
     match &tree.kind {
         Kind::Number { value, .. } => vec![(tree, *value)],
