@@ -55,30 +55,24 @@ pub(super) fn is_unknown(error: &Error) -> bool {
     error.downcast::<range_file::UnknownExtension>().is_some()
 }
 
-/// Error of a camera file.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum CameraFileError {
-    /// The camera file cannot be read.
-    #[error("the camera file cannot be read")]
-    Read(#[from] CameraError),
-    /// The camera file has no camera for the picture.
-    #[error(
-        "the camera file has no camera for the picture: add `color` with `fx`, `fy`, `cx`, `cy` beside `range`, or use `ReadRange` to read the grid alone"
-    )]
-    NoColor,
-    /// The camera file is for a picture or grid of another size.
-    #[error("the camera file is for a {what} of {expected:?}, but the file has {found:?}")]
-    Size {
-        /// The picture or the range grid.
-        what: &'static str,
-        /// Width and height in the camera file.
-        expected: [usize; 2],
-        /// Width and height in the picture or range file.
-        found: [usize; 2],
-    },
+/// The error that a camera file is for a picture or grid of another size.
+#[derive(Debug, thiserror::Error)]
+#[error("the camera file is for a {what} of {expected:?}, but the file has {found:?}")]
+pub(super) struct CameraSizeError {
+    /// The picture or the range grid.
+    what: &'static str,
+    /// Width and height in the camera file.
+    expected: [usize; 2],
+    /// Width and height in the picture or range file.
+    found: [usize; 2],
 }
 
-pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, CameraFileError> {
+/// The error that a camera file cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[error("the camera file cannot be read")]
+pub(super) struct ReadCameraError(#[from] CameraError);
+
+pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, ReadCameraError> {
     Ok(camera::read(bytes)?)
 }
 
@@ -87,9 +81,9 @@ pub(super) fn check_view(
     what: &'static str,
     view: &View,
     found: [usize; 2],
-) -> Result<(), CameraFileError> {
+) -> Result<(), CameraSizeError> {
     match view.size.filter(|&expected| expected != found) {
-        Some(expected) => Err(CameraFileError::Size { what, expected, found }),
+        Some(expected) => Err(CameraSizeError { what, expected, found }),
         None => Ok(()),
     }
 }
