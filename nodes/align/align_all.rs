@@ -200,7 +200,8 @@ fn merge_scans(scans: &[&Scan], alignment: &Alignment) -> Result<Mesh, AlignErro
 fn to_mesh(scan: &Scan) -> Result<Mesh, AlignError> {
     Ok(match scan {
         Scan::Mesh(mesh) => mesh.clone(),
-        Scan::RangeImage(range) => triangulate(range, JUMP, GRAZING, 20)?,
+        Scan::RangeImage(range) => triangulate(range, JUMP, GRAZING, 20)
+            .map_err(|error| AlignError::Range(error.to_string()))?,
         Scan::Points(points) => {
             let mesh = Mesh::new(points.positions().clone(), Faces::triangles(Vec::new()))?;
             let attributes = points.attributes().iter();

@@ -2,7 +2,6 @@
 
 use maquette_mesh::{MergeError, TransformError};
 use maquette_node::{CancelledError, LimitError};
-use maquette_range::TriangulateError;
 use maquette_value::MeshError;
 use thiserror::Error;
 
@@ -127,8 +126,8 @@ pub enum AlignError {
     #[error(transparent)]
     TooMuch(#[from] LimitError),
     /// A range image cannot be triangulated.
-    #[error(transparent)]
-    Range(#[from] TriangulateError),
+    #[error("{0}")]
+    Range(String),
     /// The scans cannot be merged.
     #[error(transparent)]
     Merged(#[from] MergeError),

@@ -24,7 +24,7 @@ pub use gaussian_surface::{GaussianSurface, SurfacePoint, gaussian_surface};
 pub use handles::{HandleRegion, Handles, Placement, place_handles};
 pub use lattice::{Lattice, lattice};
 pub use mode::Mode;
-pub use read_handles::{ReadHandles, ReadHandlesError, read_handles};
+pub use read_handles::{ReadHandles, read_handles};
 pub use tube::{Tube, tube};
 
 /// The pack of nodes that deform objects by handles.

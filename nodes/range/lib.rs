@@ -27,7 +27,7 @@ pub use maquette_base::unit::Unit;
 pub use range_file::Axes;
 pub use read_capture::{ReadCapture, read_capture};
 pub use read_range::{ReadRange, read_range};
-pub use triangulate::{Triangulate, TriangulateError, triangulate};
+pub use triangulate::{Triangulate, triangulate};
 
 /// Nodes on range images.
 pub static PACK: Pack = Pack {

@@ -2,7 +2,7 @@
 
 use maquette_base::unit::Unit;
 use maquette_format::camera;
-use maquette_format::camera::{CameraError, CameraFile, View};
+use maquette_format::camera::{CameraFile, View};
 use maquette_format::pcd::PcdError;
 use maquette_format::range_file;
 use maquette_node::{Context, Error, FilePath};
@@ -67,13 +67,9 @@ pub(super) struct CameraSizeError {
     found: [usize; 2],
 }
 
-/// The error that a camera file cannot be read.
-#[derive(Debug, thiserror::Error)]
-#[error("the camera file cannot be read")]
-pub(super) struct ReadCameraError(#[from] CameraError);
-
-pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, ReadCameraError> {
-    Ok(camera::read(bytes)?)
+pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, Error> {
+    camera::read(bytes)
+        .map_err(|error| Error::new(format!("the camera file cannot be read: {error}")))
 }
 
 /// Checks that the camera file describes a picture or grid of the size that was read.

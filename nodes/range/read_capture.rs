@@ -4,7 +4,6 @@ use maquette_base::unit::Unit;
 use maquette_format::camera::CameraFile;
 use maquette_format::exif;
 use maquette_format::picture_file;
-use maquette_format::picture_file::PictureError;
 use maquette_node::{Context, Error, FilePath, Node, bail};
 use maquette_value::{Image, RangeImage, Registration};
 use schemars::JsonSchema;
@@ -35,11 +34,6 @@ pub struct ReadCapture {
     #[serde(default)]
     pub axes: Axes,
 }
-
-/// The picture of a capture cannot be read.
-#[derive(Debug, thiserror::Error)]
-#[error("the picture cannot be read")]
-struct ReadCaptureError(#[from] PictureError);
 
 impl Node for ReadCapture {
     type Outputs = (Image, RangeImage);
@@ -92,8 +86,9 @@ pub fn read_capture(
     register(image, range_file::read(range, ending, camera, unit, axes, &|_| ())?, camera)
 }
 
-fn read_picture(bytes: &[u8]) -> Result<Image, ReadCaptureError> {
-    Ok(picture_file::read(bytes)?)
+fn read_picture(bytes: &[u8]) -> Result<Image, Error> {
+    picture_file::read(bytes)
+        .map_err(|error| Error::new(format!("the picture cannot be read: {error}")))
 }
 
 /// Registers a picture and a grid that were taken together.
