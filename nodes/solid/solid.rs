@@ -1,6 +1,6 @@
 //! Makes a solid of a surface.
 
-use maquette_fill::{FillError, FillMethod, HoleChoice, fill_holes};
+use maquette_fill::{FillMethod, HoleChoice, fill_holes};
 use maquette_mesh::{OrientError, Outside, orient};
 use maquette_node::{
     CancelledError, Carry, Context, Error, In, Node, Progress, Promise, Transfer, Want,
@@ -105,8 +105,8 @@ pub enum SolidError {
         at: [f64; 3],
     },
     /// The holes cannot be filled.
-    #[error(transparent)]
-    Fill(#[from] FillError),
+    #[error("{0}")]
+    Fill(Error),
     /// The surface cannot be oriented.
     #[error(transparent)]
     Orient(#[from] OrientError),
@@ -116,6 +116,12 @@ pub enum SolidError {
     /// The evaluation was cancelled.
     #[error(transparent)]
     Cancelled(#[from] CancelledError),
+}
+
+impl From<Error> for SolidError {
+    fn from(error: Error) -> Self {
+        Self::Fill(error)
+    }
 }
 
 impl Node for Solid {
