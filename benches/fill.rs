@@ -25,10 +25,10 @@ use std::time::Instant;
 
 use cases::{Case, bumpy_sphere, cases, with_noise};
 use judge::{characters, judge};
-use maquette::Progress;
 use maquette::value::{Faces, Mesh};
+use maquette::{Error, Progress};
 use maquette_nodes::fill::{
-    ExemplarOptions, FillError, FillMethod, FilledMesh, HoleChoice, Start, Update, fill_holes,
+    ExemplarOptions, FillMethod, FilledMesh, HoleChoice, Start, Update, fill_holes,
 };
 use maquette_nodes::mesh::read_mesh;
 use nalgebra::Point3;
@@ -167,7 +167,7 @@ fn methods() -> Vec<(&'static str, FillMethod)> {
 
 const RUNS: usize = 5;
 
-fn fill_all(mesh: &Mesh, method: &FillMethod) -> Result<FilledMesh, FillError> {
+fn fill_all(mesh: &Mesh, method: &FillMethod) -> Result<FilledMesh, Error> {
     fill_holes(mesh, &HoleChoice::All, method, &Progress::silent())
 }
 

@@ -7,12 +7,11 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::ffd_error::FfdError;
-use super::free_form::drag::{self, Drag};
+use super::free_form::drag::{self, Drag, missing_handle};
 use super::free_form::object::{bounds, points};
 use super::free_form::pull::{DeformOptions, column, deform_prepared, prepare_handles};
 use super::free_form::reach::{Boxes, MemoPoints};
-use super::gaussian::layout::Bounds;
+use super::gaussian::layout::{Bounds, wrong_background};
 use super::gaussian::system::System;
 use super::mode::Mode;
 
@@ -81,7 +80,7 @@ impl Node for Ffd {
         let background = self.options.background;
         if background > 0.0 && self.mode != Mode::Displacement {
             let help = "remove `background` or `mode`";
-            return Err(FieldError::new("mode", FfdError::Background { background }, help));
+            return Err(FieldError::new("mode", wrong_background(background), help));
         }
         let handles = self.handles.len();
         match self
@@ -91,7 +90,7 @@ impl Node for Ffd {
             .filter(|_| self.layout.is_none())
         {
             Some(&Target { handle, .. }) => {
-                let error = FfdError::NoHandle { handle: handle as usize, handles };
+                let error = missing_handle(handle as usize, handles);
                 Err(FieldError::new("targets", error, "add the handle, or remove the target"))
             }
             None => Ok(()),
@@ -151,14 +150,14 @@ impl Node for Ffd {
 }
 
 impl Ffd {
-    fn all_handles(&self, layout: Option<&Handles>, frame: Bounds) -> Result<Handles, FfdError> {
+    fn all_handles(&self, layout: Option<&Handles>, frame: Bounds) -> Result<Handles, Error> {
         let own = Handles::new(self.space, &self.handles)?.in_world(frame)?;
         let Some(layout) = layout else { return Ok(own) };
         let all: Vec<_> = layout.in_world(frame)?.iter().chain(own.iter()).collect();
         Ok(Handles::new(HandleSpace::World, &all)?)
     }
 
-    fn targets_in_world(&self, frame: Bounds) -> Result<Vec<(usize, Point3<f64>)>, FfdError> {
+    fn targets_in_world(&self, frame: Bounds) -> Result<Vec<(usize, Point3<f64>)>, Error> {
         let handles = self.targets.iter().map(|target| Handle {
             at: target.to,
             to: None,

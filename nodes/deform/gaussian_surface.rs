@@ -1,17 +1,17 @@
 //! Rational Gaussian surfaces.
 
 use maquette_base::limits::VERTICES;
-use maquette_node::{Context, Error, Estimate, LimitError, Node, Promise};
+use maquette_node::{Context, Error, Estimate, Node, Promise, bail};
 use maquette_value::parallel::*;
-use maquette_value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, MeshError};
+use maquette_value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh};
 use nalgebra::{Matrix3, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::Mode;
 use super::gaussian::deformation::{Base, Deformation};
 use super::gaussian::layout::{Bounds, choose_deviations, prepare};
 use super::gaussian::system::System;
-use super::{FfdError, Mode};
 
 /// Creates a surface from control points with rational Gaussian functions.
 ///
@@ -63,31 +63,6 @@ fn default_weight() -> f64 {
     1.0
 }
 
-/// The reason why control points define no surface.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum GaussianSurfaceError {
-    /// There are no control points.
-    #[error("a surface needs at least one control point")]
-    NoPoints,
-    /// The number of quads along u or v is 0.
-    #[error("expected at least 1 x 1 quads, found {u} x {v}")]
-    NoQuads {
-        /// The number of quads along u.
-        u: usize,
-        /// The number of quads along v.
-        v: usize,
-    },
-    /// The surface would have too many quads.
-    #[error(transparent)]
-    LimitExceeded(#[from] LimitError),
-    /// The control points are not valid, or no surface can pass through all of them.
-    #[error(transparent)]
-    Points(#[from] FfdError),
-    /// A position of the mesh is not finite.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-}
-
 impl Node for GaussianSurface {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
@@ -126,12 +101,12 @@ pub fn gaussian_surface(
     points: &[SurfacePoint],
     through: bool,
     [u, v]: [usize; 2],
-) -> Result<Mesh, GaussianSurfaceError> {
+) -> Result<Mesh, Error> {
     if points.is_empty() {
-        return Err(GaussianSurfaceError::NoPoints);
+        bail!("a surface needs at least one control point");
     }
     if u == 0 || v == 0 {
-        return Err(GaussianSurfaceError::NoQuads { u, v });
+        bail!("expected at least 1 x 1 quads, found {u} x {v}");
     }
     VERTICES.check("the surface", vertices([u, v]))?;
     let count = (u + 1) * (v + 1);
@@ -192,7 +167,7 @@ fn square(count: usize) -> f64 {
 const CHUNK_SIZE: usize = 4096;
 
 /// Returns the sum of Gaussians that defines the surface.
-fn coefficients(points: &[SurfacePoint], through: bool) -> Result<Deformation, FfdError> {
+fn coefficients(points: &[SurfacePoint], through: bool) -> Result<Deformation, Error> {
     let handles: Vec<_> = points
         .iter()
         .map(|point| Handle {
@@ -298,13 +273,15 @@ mod tests {
 
     #[test]
     fn invalid_parameters_are_rejected() {
-        assert_eq!(gaussian_surface(&[], false, [1, 1]), Err(GaussianSurfaceError::NoPoints));
+        let error = gaussian_surface(&[], false, [1, 1]).unwrap_err();
+        assert_eq!(error.to_string(), "a surface needs at least one control point");
         assert!(gaussian_surface(&bump(0.1), false, [0, 1]).is_err());
         assert!(gaussian_surface(&bump(0.1), false, [usize::MAX, 2]).is_err());
         assert!(gaussian_surface(&bump(-0.1), false, [1, 1]).is_err());
         let twice = [point([0.5; 2], 0.0, 0.1), point([0.5; 2], 1.0, 0.1)];
         assert!(gaussian_surface(&twice, false, [1, 1]).is_ok());
         let error = gaussian_surface(&twice, true, [1, 1]).unwrap_err();
-        assert_eq!(error, FfdError::Conflicting { first: 0, second: 1 }.into());
+        let conflicting = "handles 0 and 1 have the same position but different targets";
+        assert_eq!(error.to_string(), conflicting);
     }
 }

@@ -3,10 +3,10 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use maquette_mesh::Movable;
-use maquette_node::{CancelledError, Context, Error, In, Node, Progress};
+use maquette_node::{CancelledError, Context, Error, In, Node, Progress, bail};
 use maquette_value as value;
 use maquette_value::parallel::*;
-use maquette_value::{Attribute, Handle, HandleSpace, HandlesError};
+use maquette_value::{Attribute, Handle, HandleSpace};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -83,37 +83,6 @@ pub enum HandleRegion {
     Marked(String),
 }
 
-/// The reason why no handles can be placed.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum PlaceHandlesError {
-    /// The object has no points.
-    #[error("the object has no points to place handles on")]
-    NoPoints,
-    /// The region contains no points of the object.
-    #[error("the region contains no point of the object")]
-    EmptyRegion,
-    /// The number of handles is 0, or too large.
-    #[error("expected 1 to {max} handles, found {count}")]
-    Count {
-        /// The requested number of handles.
-        count: usize,
-        /// The maximum number of handles.
-        max: usize,
-    },
-    /// The attribute does not exist or is not a number per vertex.
-    #[error("the object has no attribute `{name}` of one number per vertex")]
-    NoAttribute {
-        /// The name of the attribute.
-        name: String,
-    },
-    /// The handles are not valid.
-    #[error(transparent)]
-    Handles(#[from] HandlesError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
-}
-
 impl Node for Handles {
     type Outputs = (value::Handles,);
     const OUTPUTS: [&'static str; 1] = ["handles"];
@@ -149,8 +118,9 @@ pub fn place_handles(
     space: HandleSpace,
     sigma: Option<[f64; 3]>,
     progress: &Progress<'_>,
-) -> Result<value::Handles, PlaceHandlesError> {
-    let bounds = bounds(object).ok_or(PlaceHandlesError::NoPoints)?;
+) -> Result<value::Handles, Error> {
+    let bounds =
+        bounds(object).ok_or_else(|| Error::new("the object has no points to place handles on"))?;
     let unit =
         Handle { at: [0.0; 3], to: None, sigma: Some(sigma.unwrap_or([1.0; 3])), weight: 1.0 };
     let scaled = value::Handles::new(space, &[unit])?.in_world(bounds)?.sigma()[0];
@@ -211,7 +181,7 @@ fn points_in_region(
     within: &HandleRegion,
     space: HandleSpace,
     bounds: Bounds,
-) -> Result<Vec<Point3<f64>>, PlaceHandlesError> {
+) -> Result<Vec<Point3<f64>>, Error> {
     let unit = Handle { at: [0.0; 3], to: None, sigma: Some([1.0; 3]), weight: 1.0 };
     let unit = value::Handles::new(space, &[unit])?.in_world(bounds)?;
     let (origin, scale) = (unit.positions()[0], Vector3::from(unit.sigma()[0]));
@@ -227,8 +197,9 @@ fn points_in_region(
             })
         }
         HandleRegion::Marked(name) => {
-            let marks = marks(object, name)
-                .ok_or_else(|| PlaceHandlesError::NoAttribute { name: name.clone() })?;
+            let marks = marks(object, name).ok_or_else(|| {
+                Error::new(format!("the object has no attribute `{name}` of one number per vertex"))
+            })?;
             Box::new(move |index, _| marks[index])
         }
     };
@@ -237,7 +208,7 @@ fn points_in_region(
         .filter(|(index, point)| inside(*index, (*point - origin).component_div(&scale)))
         .map(|(_, point)| *point)
         .collect();
-    if part.is_empty() { Err(PlaceHandlesError::EmptyRegion) } else { Ok(part) }
+    if part.is_empty() { bail!("the region contains no point of the object") } else { Ok(part) }
 }
 
 fn marks(object: &Movable, name: &str) -> Option<Vec<bool>> {
@@ -262,9 +233,9 @@ fn farthest(
     points: &[Point3<f64>],
     count: usize,
     progress: &Progress<'_>,
-) -> Result<Vec<Point3<f64>>, PlaceHandlesError> {
+) -> Result<Vec<Point3<f64>>, Error> {
     if count == 0 || MAX_HANDLES < count {
-        return Err(PlaceHandlesError::Count { count, max: MAX_HANDLES });
+        bail!("expected 1 to {MAX_HANDLES} handles, found {count}");
     }
     let sum = points.iter().map(|point| point.coords).sum::<Vector3<f64>>();
     let mean = sum / points.len() as f64;
@@ -323,7 +294,7 @@ mod tests {
         Movable::Points(points.with_attribute("mark", Attribute::Flag(marks)).unwrap())
     }
 
-    fn positions(on: Placement, space: HandleSpace) -> Result<Vec<[f64; 3]>, PlaceHandlesError> {
+    fn positions(on: Placement, space: HandleSpace) -> Result<Vec<[f64; 3]>, Error> {
         let handles = place_handles(&grid(), &on, space, None, &Progress::silent())?;
         assert_eq!(handles.positions(), handles.targets());
         Ok(handles.positions().iter().map(|&at| at.into()).collect())
@@ -360,9 +331,11 @@ mod tests {
         assert_eq!(positions(marked, HandleSpace::Box).unwrap(), [[2., 1., 0.], [3., 1., 0.]]);
         let error =
             positions(region(HandleRegion::Marked("uv".into())), HandleSpace::Box).unwrap_err();
-        assert_eq!(error, PlaceHandlesError::NoAttribute { name: "uv".into() });
+        let no_attribute = "the object has no attribute `uv` of one number per vertex";
+        assert_eq!(error.to_string(), no_attribute);
         let nowhere = region(HandleRegion::Ball { at: [9.0; 3], radius: 0.1 });
-        assert_eq!(positions(nowhere, HandleSpace::Box), Err(PlaceHandlesError::EmptyRegion));
+        let error = positions(nowhere, HandleSpace::Box).unwrap_err();
+        assert_eq!(error.to_string(), "the region contains no point of the object");
     }
 
     #[test]

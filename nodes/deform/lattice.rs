@@ -2,8 +2,8 @@
 
 use maquette_base::limits::POINTS;
 use maquette_mesh::Movable;
-use maquette_node::{Context, Error, In, LimitError, Node};
-use maquette_value::{Curve, CurveError};
+use maquette_node::{Context, Error, In, Node, bail};
+use maquette_value::Curve;
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -35,29 +35,13 @@ fn default_samples() -> usize {
     8
 }
 
-/// The reason why there is no lattice.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum LatticeError {
-    /// The object has no points.
-    #[error("the object has no points and therefore no box")]
-    NoPoints,
-    /// The number of cells or of points per side of a cell is out of range.
-    #[error("expected 1 to 64 cells along each axis, and 1 to 64 points per cell side")]
-    Size,
-    /// The polyline would have too many points.
-    #[error(transparent)]
-    LimitExceeded(#[from] LimitError),
-    /// The box is too large for the coordinates of a curve.
-    #[error(transparent)]
-    Curve(#[from] CurveError),
-}
-
 impl Node for Lattice {
     type Outputs = (Curve,);
     const OUTPUTS: [&'static str; 1] = ["curve"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let bounds = bounds(&cx.get(&self.mesh)).ok_or(LatticeError::NoPoints)?;
+        let bounds = bounds(&cx.get(&self.mesh))
+            .ok_or_else(|| Error::new("the object has no points and therefore no box"))?;
         Ok((lattice(bounds, self.cells, self.samples)?,))
     }
 }
@@ -67,9 +51,9 @@ impl Node for Lattice {
 ///
 /// # Errors
 /// Returns an error if a number is not from 1 to 64, there would be too many points, or the box is not finite.
-pub fn lattice(bounds: Bounds, cells: [usize; 3], samples: usize) -> Result<Curve, LatticeError> {
+pub fn lattice(bounds: Bounds, cells: [usize; 3], samples: usize) -> Result<Curve, Error> {
     if cells.iter().chain([&samples]).any(|count| !(1..=64).contains(count)) {
-        return Err(LatticeError::Size);
+        bail!("expected 1 to 64 cells along each axis, and 1 to 64 points per cell side");
     }
     let need: usize = (0..3)
         .map(|along| {
@@ -169,8 +153,10 @@ mod tests {
     #[test]
     fn a_lattice_without_cells_is_rejected() {
         let bounds = (Point3::origin(), Point3::new(1.0, 1.0, 1.0));
-        assert_eq!(lattice(bounds, [0, 1, 1], 1), Err(LatticeError::Size));
-        assert_eq!(lattice(bounds, [1; 3], 65), Err(LatticeError::Size));
+        for (cells, samples) in [([0, 1, 1], 1), ([1; 3], 65)] {
+            let error = lattice(bounds, cells, samples).unwrap_err().to_string();
+            assert!(error.starts_with("expected 1 to 64 cells along each axis"), "{error}");
+        }
         let error = lattice(bounds, [64; 3], 64).unwrap_err().to_string();
         assert!(error.contains("about 52 000 000 points"), "{error}");
     }

@@ -3,7 +3,6 @@
 use maquette_node::{Pack, node};
 
 mod ffd;
-mod ffd_error;
 mod free_form;
 mod gaussian;
 mod gaussian_surface;
@@ -17,17 +16,16 @@ mod tube;
 mod tests;
 
 pub use ffd::{Ffd, Target};
-pub use ffd_error::FfdError;
 pub use free_form::drag::Drag;
 pub use free_form::pull::{DeformOptions, ffd};
 pub use free_form::report::Report;
 pub use gaussian::layout::Bounds;
-pub use gaussian_surface::{GaussianSurface, GaussianSurfaceError, SurfacePoint, gaussian_surface};
-pub use handles::{HandleRegion, Handles, PlaceHandlesError, Placement, place_handles};
-pub use lattice::{Lattice, LatticeError, lattice};
+pub use gaussian_surface::{GaussianSurface, SurfacePoint, gaussian_surface};
+pub use handles::{HandleRegion, Handles, Placement, place_handles};
+pub use lattice::{Lattice, lattice};
 pub use mode::Mode;
-pub use read_handles::{ReadHandles, ReadHandlesError, read_handles};
-pub use tube::{Tube, TubeError, tube};
+pub use read_handles::{ReadHandles, read_handles};
+pub use tube::{Tube, tube};
 
 /// The pack of nodes that deform objects by handles.
 pub static PACK: Pack = Pack {

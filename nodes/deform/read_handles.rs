@@ -1,6 +1,6 @@
 //! Reads handles from a file.
 
-use maquette_format::handles::{HandlesFileError, read_csv, read_json, read_ron};
+use maquette_format::handles::{read_csv, read_json, read_ron};
 use maquette_node::{Context, Error, FilePath, Node};
 use maquette_value::{HandleSpace, Handles};
 use schemars::JsonSchema;
@@ -21,19 +21,10 @@ pub struct ReadHandles {
     pub space: HandleSpace,
 }
 
-/// The reason why no handles can be read.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum ReadHandlesError {
-    /// The file has an unsupported format.
-    #[error("unknown extension `.{extension}` of a file of handles; expected ron, json or csv")]
-    Extension {
-        /// The extension of the file name, without the dot.
-        extension: String,
-    },
-    /// The file has no valid handles.
-    #[error(transparent)]
-    File(#[from] HandlesFileError),
-}
+/// The error of a file with an extension that is not known here.
+#[derive(Debug, thiserror::Error)]
+#[error("unknown extension `.{0}` of a file of handles; expected ron, json or csv")]
+struct UnknownExtension(String);
 
 impl Node for ReadHandles {
     type Outputs = (Handles,);
@@ -42,7 +33,9 @@ impl Node for ReadHandles {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let file = cx.file(&self.path)?;
         match read_handles(file.bytes(), &file.extension(), self.space) {
-            Err(ReadHandlesError::Extension { .. }) => Ok((cx.read(&self.path)?,)),
+            Err(error) if error.downcast::<UnknownExtension>().is_some() => {
+                Ok((cx.read(&self.path)?,))
+            }
             handles => Ok((handles?,)),
         }
     }
@@ -52,16 +45,12 @@ impl Node for ReadHandles {
 ///
 /// # Errors
 /// Returns an error if the extension is unknown or the bytes are not valid.
-pub fn read_handles(
-    bytes: &[u8],
-    extension: &str,
-    space: HandleSpace,
-) -> Result<Handles, ReadHandlesError> {
+pub fn read_handles(bytes: &[u8], extension: &str, space: HandleSpace) -> Result<Handles, Error> {
     Ok(match extension {
         "ron" => read_ron(bytes, space)?,
         "json" => read_json(bytes, space)?,
         "csv" => read_csv(bytes, space)?,
-        _ => return Err(ReadHandlesError::Extension { extension: extension.to_owned() }),
+        _ => return Err(UnknownExtension(extension.to_owned()).into()),
     })
 }
 

@@ -1,7 +1,7 @@
 //! Tests of deformations with exact results; identifiers such as D1 are those of algorithms.md, section 13.
 
 use maquette_mesh::Movable;
-use maquette_node::Progress;
+use maquette_node::{Error, Progress};
 use maquette_value::rng::Random;
 use maquette_value::{Handle, HandleSpace, Handles, Points};
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
@@ -10,7 +10,7 @@ use super::free_form::pull;
 use super::gaussian::gaussians::Gaussians;
 use super::gaussian::layout::{Layout, prepare};
 use super::gaussian::system::System;
-use super::{DeformOptions, FfdError, Mode, Report, ffd};
+use super::{DeformOptions, Mode, Report, ffd};
 
 mod forms;
 mod objects;
@@ -66,7 +66,7 @@ pub(super) fn try_move(
     points: &[Point3<f64>],
     handles: &[Handle],
     (mode, options): (Mode, DeformOptions),
-) -> Result<(Vec<Point3<f64>>, Report), FfdError> {
+) -> Result<(Vec<Point3<f64>>, Report), Error> {
     let object = Movable::Points(Points::new(points.to_vec()).unwrap());
     let (moved, report) = ffd(&object, &in_world(handles), mode, options, &Progress::silent())?;
     let Movable::Points(moved) = moved else { panic!("points stay points") };

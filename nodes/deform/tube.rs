@@ -1,7 +1,7 @@
 //! Tubes around curves, for display and printing.
 
 use maquette_base::limits::VERTICES;
-use maquette_node::{Context, Error, Estimate, In, LimitError, Node, Promise};
+use maquette_node::{Context, Error, Estimate, In, Node, Promise, bail};
 use maquette_value::{Curve, Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
@@ -30,30 +30,6 @@ fn default_sides() -> usize {
     8
 }
 
-/// The reason why there is no tube.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum TubeError {
-    /// A radius or a number of sides that is out of range.
-    #[error(
-        "expected a radius greater than 0 and 3 to 256 sides, found {radius} mm and {sides} sides"
-    )]
-    Size {
-        /// The given radius in mm.
-        radius: f64,
-        /// The given number of sides.
-        sides: usize,
-    },
-    /// A curve whose points all coincide.
-    #[error("the curve has no length")]
-    NoLength,
-    /// The tube would have too many vertices.
-    #[error(transparent)]
-    LimitExceeded(#[from] LimitError),
-    /// The tube's mesh is not valid.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-}
-
 impl Node for Tube {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
@@ -80,9 +56,11 @@ impl Node for Tube {
 /// # Errors
 /// Returns an error if the radius is not greater than 0 and finite, there are fewer than 3 or more than 256 sides, or the curve has no
 /// length.
-pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError> {
+pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, Error> {
     if !(radius > 0.0 && radius.is_finite() && (3..=256).contains(&sides)) {
-        return Err(TubeError::Size { radius, sides });
+        bail!(
+            "expected a radius greater than 0 and 3 to 256 sides, found {radius} mm and {sides} sides"
+        );
     }
     let is_closed = curve.is_closed();
     let mut points = curve.sample(0);
@@ -92,7 +70,8 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError>
         points.pop();
     }
     VERTICES.check("the tube", points.len() as f64 * sides as f64)?;
-    let directions = directions(&points, is_closed).ok_or(TubeError::NoLength)?;
+    let directions =
+        directions(&points, is_closed).ok_or_else(|| Error::new("the curve has no length"))?;
     let mut side = any_normal(directions[0]);
     let mut positions = Vec::with_capacity(points.len() * sides);
     let mut before = directions[0];
@@ -287,7 +266,7 @@ mod tests {
     fn invalid_parameters_are_rejected() {
         let point = Point3::new(1.0, 1.0, 1.0);
         let curve = Curve::polyline(vec![point; 3], false).unwrap();
-        assert_eq!(tube(&curve, 1.0, 8), Err(TubeError::NoLength));
+        assert_eq!(tube(&curve, 1.0, 8).unwrap_err().to_string(), "the curve has no length");
         assert!(tube(&curve, 0.0, 8).is_err() && tube(&curve, 1.0, 2).is_err());
         let back = vec![point, Point3::new(2.0, 1.0, 1.0), point];
         assert!(tube(&Curve::polyline(back, false).unwrap(), 0.1, 3).is_ok());

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use maquette_node::{
-    CancelledError, Carry, Context, Error, Estimate, In, Node, Progress, Promise, Transfer, Want,
+    Carry, Context, Error, Estimate, In, Node, Progress, Promise, Transfer, Want, bail,
 };
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Faces, Mesh, MeshError, Trace};
@@ -16,9 +16,8 @@ use super::border::holes::{Components, HoleChoice, choose, without_isolated_comp
 use super::border::manifold_check::check_rims;
 use super::border::regions::{cut, marked_vertices, vertices_in_region};
 use super::border::rim::{OneRings, Rim};
-use super::border::rims::{NotManifold, rims};
+use super::border::rims::rims;
 use super::exemplar::{CompletionInput, Copies, Update, complete, complete_as_published};
-use super::fill_error::FillError;
 use super::intersections::damping::damp_displacements;
 use super::intersections::detect::Intersections;
 use super::intersections::resolve::HoleFills;
@@ -27,7 +26,7 @@ use super::plain::hole_fill::{Fallback, HoleFill};
 use super::plain::options::PlainOptions;
 use super::plain::plain_fill::fill_hole;
 use super::plain::remesh::Remesh;
-use super::triangles::density::{RefineError, TRIANGLES};
+use super::triangles::density::TRIANGLES;
 use super::triangles::filling::Filling;
 
 /// Fills the holes of a mesh: with shapes found elsewhere on it, smoothly, or flat.
@@ -153,7 +152,7 @@ pub fn fill_holes(
     holes: &HoleChoice,
     method: &FillMethod,
     progress: &Progress<'_>,
-) -> Result<FilledMesh, FillError> {
+) -> Result<FilledMesh, Error> {
     progress.check()?;
     let (mesh, is_cut) = match holes {
         HoleChoice::Region(region) => {
@@ -164,10 +163,16 @@ pub fn fill_holes(
     };
     let ((rims, mut filling), components) =
         rayon::join(|| (rims(&mesh), Filling::new(&mesh)), || Components::new(&mesh));
-    let rims =
-        rims.map_err(|NotManifold { edges, vertices }| FillError::NonManifold { edges, vertices })?;
-    let chosen = choose(&mesh, &components, &rims, holes, &is_cut)
-        .map_err(|number| FillError::NoRim { number, count: rims.len() })?;
+    let rims = rims.map_err(|elements| {
+        Error::new(format!(
+            "the mesh is not manifold at {elements}: an edge may have at most two faces, of equal orientation, and the faces \
+             around a vertex must be connected"
+        ))
+    })?;
+    let chosen = choose(&mesh, &components, &rims, holes, &is_cut).map_err(|number| {
+        let count = rims.len();
+        Error::new(format!("the mesh has no rim {number}: it has {count} rims, numbered from 0"))
+    })?;
     let mut warnings = Vec::new();
     warnings.extend(describe_outer(&rims, &chosen.outer, components.count()));
     if chosen.holes.is_empty() && chosen.outer.is_empty() {
@@ -194,8 +199,9 @@ pub fn fill_holes(
         hole_fills.resolve(plain_options, progress)?;
     }
     warnings.extend(describe_fallbacks(&chosen.holes, &fills));
-    check_rims(&filling, &one_rings, &holes)
-        .map_err(|NotManifold { edges, vertices }| FillError::Clash { edges, vertices })?;
+    if let Err(elements) = check_rims(&filling, &one_rings, &holes) {
+        bail!("the filled mesh would not be manifold at {elements}");
+    }
     let (mut steps, mut copies) = (Vec::new(), None);
     if let FillMethod::Exemplar(options) = method {
         let allowed = match &options.exemplars[..] {
@@ -234,7 +240,8 @@ pub fn fill_holes(
                             progress,
                         )
                     });
-                    let completed = completed.map_err(fill_error)?;
+                    let completed =
+                        completed.map_err(|stop| stop.error("the fill of the holes"))?;
                     start = remesh.membranes(&mut filling, progress)?;
                     intersections = Intersections::new(&filling, progress)?;
                     completed
@@ -277,7 +284,7 @@ fn fill_all(
     (holes, numbers): (&[Vec<u32>], &[usize]),
     options: PlainOptions,
     progress: &Progress<'_>,
-) -> Result<Vec<HoleFill>, FillError> {
+) -> Result<Vec<HoleFill>, Error> {
     let all: usize = holes.iter().map(Vec::len).sum();
     let done = AtomicUsize::new(0);
     let fill_one = |(hole, number): (&Vec<u32>, &usize)| {
@@ -286,24 +293,12 @@ fn fill_all(
         let before = done.load(Ordering::Relaxed) as f64 / all.max(1) as f64;
         let own = if holes.len() == 1 { 0.0..1.0 } else { before..before };
         let filled = progress.part(own, |progress| fill_hole(filling, &rim, options, progress));
-        let fill = filled.map_err(|stop| match stop {
-            RefineError::Cancelled => FillError::Cancelled(CancelledError),
-            RefineError::TooMany(need) => {
-                TRIANGLES.error(format_args!("the fill of rim {number}"), need).into()
-            }
-        })?;
+        let fill = filled.map_err(|stop| stop.error(format_args!("the fill of rim {number}")))?;
         let after = done.fetch_add(hole.len(), Ordering::Relaxed) + hole.len();
         progress.tick(after as f64 / all.max(1) as f64)?;
         Ok(fill)
     };
     holes.par_iter().zip(numbers).map(fill_one).collect()
-}
-
-fn fill_error(stop: RefineError) -> FillError {
-    match stop {
-        RefineError::Cancelled => FillError::Cancelled(CancelledError),
-        RefineError::TooMany(need) => TRIANGLES.error("the fill of the holes", need).into(),
-    }
 }
 
 fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Result<Mesh, MeshError> {

@@ -6,7 +6,6 @@ mod attributes;
 mod border;
 mod creases;
 mod exemplar;
-mod fill_error;
 mod fill_holes;
 mod intersections;
 mod method;
@@ -18,9 +17,8 @@ mod tests;
 mod triangles;
 
 pub use border::holes::HoleChoice;
-pub use border::regions::{HoleRegion, MissingMarks};
+pub use border::regions::HoleRegion;
 pub use exemplar::{ExemplarOptions, Falloff, Start, TextureSource, Update};
-pub use fill_error::FillError;
 pub use fill_holes::{FillHoles, FilledMesh, fill_holes};
 pub use method::FillMethod;
 

@@ -1,6 +1,6 @@
 //! Properties of filled meshes.
 
-use maquette_node::Progress;
+use maquette_node::{Error, Progress};
 use maquette_value::{Attribute, Faces, Mesh};
 use nalgebra::Point3;
 use proptest::prelude::*;
@@ -8,7 +8,6 @@ use proptest::prelude::*;
 use super::border::holes::HoleChoice;
 use super::border::regions::HoleRegion;
 use super::exemplar::{ExemplarOptions, Start};
-use super::fill_error::FillError;
 use super::fill_holes::{FilledMesh, fill_holes};
 use super::method::FillMethod;
 use super::shapes::{grid, random, remove_vertices, sphere, triangle_mesh};
@@ -22,7 +21,7 @@ mod published;
 const PLAIN: [FillMethod; 4] =
     [FillMethod::Flat, FillMethod::Membrane, FillMethod::ThinPlate, FillMethod::CreaseAware];
 
-fn fill(mesh: &Mesh, holes: HoleChoice, method: FillMethod) -> Result<FilledMesh, FillError> {
+fn fill(mesh: &Mesh, holes: HoleChoice, method: FillMethod) -> Result<FilledMesh, Error> {
     fill_holes(mesh, &holes, &method, &Progress::silent())
 }
 
@@ -210,7 +209,7 @@ fn a_mesh_that_is_not_manifold_is_rejected_with_the_elements() {
     }
     let book = triangle_mesh(points(5), vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]);
     let error = fill(&book, HoleChoice::All, FillMethod::Flat).unwrap_err();
-    assert_eq!(error, FillError::NonManifold { edges: vec![[0, 1]], vertices: vec![] });
+    assert!(error.to_string().starts_with("the mesh is not manifold at edge 0-1: "), "{error}");
     // The mesh consists of two tetrahedra that touch at a vertex.
     fn tetrahedron([a, b, c, d]: [u32; 4]) -> [[u32; 3]; 4] {
         [[a, c, b], [a, b, d], [a, d, c], [b, c, d]]
@@ -218,7 +217,7 @@ fn a_mesh_that_is_not_manifold_is_rejected_with_the_elements() {
     let both =
         triangle_mesh(points(7), [tetrahedron([0, 1, 2, 3]), tetrahedron([0, 4, 5, 6])].concat());
     let error = fill(&both, HoleChoice::All, FillMethod::Flat).unwrap_err();
-    assert_eq!(error, FillError::NonManifold { edges: vec![], vertices: vec![0] });
+    assert!(error.to_string().starts_with("the mesh is not manifold at vertex 0: "), "{error}");
 }
 
 #[test]
@@ -234,7 +233,7 @@ fn holes_are_chosen_by_size_number_and_place() {
     assert_eq!(open(HoleChoice::Edges { max: 3 }, &mesh), small + large);
     assert_eq!(open(HoleChoice::Loops(vec![0, 1]), &mesh), 0);
     let error = fill(&mesh, HoleChoice::Loops(vec![2]), FillMethod::Flat).unwrap_err();
-    assert_eq!(error, FillError::NoRim { number: 2, count: 2 });
+    assert_eq!(error.to_string(), "the mesh has no rim 2: it has 2 rims, numbered from 0");
 }
 
 #[test]
@@ -460,8 +459,7 @@ proptest! {
                 check_kept(&holed, &filled.mesh);
             }
             Err(error) => {
-                let typed = matches!(error, FillError::NonManifold { .. } | FillError::Clash { .. });
-                prop_assert!(typed, "{error}");
+                prop_assert!(error.to_string().contains("manifold at "), "{error}");
             }
         }
     }

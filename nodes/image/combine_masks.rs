@@ -1,6 +1,6 @@
 //! Combines two masks pixel by pixel.
 
-use maquette_node::{Context, Error, In, Node};
+use maquette_node::{Context, Error, In, Node, bail};
 use maquette_value::Mask;
 use maquette_value::parallel::*;
 use schemars::JsonSchema;
@@ -32,19 +32,6 @@ pub enum CombineMode {
     Xor,
 }
 
-/// Reasons why masks cannot be combined.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum CombineMasksError {
-    /// The masks differ in size.
-    #[error("the masks must have the same size: `a` has {a:?} pixels, `b` has {b:?}")]
-    Size {
-        /// Width and height of the first mask, in pixels.
-        a: [usize; 2],
-        /// Width and height of the second mask, in pixels.
-        b: [usize; 2],
-    },
-}
-
 impl Node for CombineMasks {
     type Outputs = (Mask,);
     const OUTPUTS: [&'static str; 1] = ["mask"];
@@ -58,10 +45,10 @@ impl Node for CombineMasks {
 ///
 /// # Errors
 /// Returns an error if the masks have different sizes.
-pub fn combine_masks(a: &Mask, b: &Mask, mode: CombineMode) -> Result<Mask, CombineMasksError> {
+pub fn combine_masks(a: &Mask, b: &Mask, mode: CombineMode) -> Result<Mask, Error> {
     let [size_a, size_b] = [a, b].map(|mask| [mask.width(), mask.height()]);
     if size_a != size_b {
-        return Err(CombineMasksError::Size { a: size_a, b: size_b });
+        bail!("the masks must have the same size: `a` has {size_a:?} pixels, `b` has {size_b:?}");
     }
     let pairs = a.pixels().par_iter().zip(b.pixels()).with_min_len(4096);
     let pixels = pairs
@@ -98,6 +85,7 @@ mod tests {
             &Mask::from_rows(&["#", "#"]),
             CombineMode::Or,
         );
-        assert_eq!(error, Err(CombineMasksError::Size { a: [2, 1], b: [1, 2] }));
+        let expected = "the masks must have the same size: `a` has [2, 1] pixels, `b` has [1, 2]";
+        assert_eq!(error.unwrap_err().to_string(), expected);
     }
 }

@@ -7,6 +7,7 @@ use maquette_value::{Field, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::checks::check_size;
 use super::filter::gaussian::blur;
 use super::filter::gradient::{Levels, write_gradient};
 use super::filter::hysteresis::{Bits, WORD, reconstruct, retain};
@@ -59,19 +60,6 @@ impl Default for High {
     }
 }
 
-/// Reasons why edges cannot be found.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum EdgesError {
-    /// The mask has another size than the picture.
-    #[error("the mask `within` has {mask:?} pixels, but the picture has {picture:?}")]
-    Size {
-        /// Width and height of the mask, in pixels.
-        mask: [usize; 2],
-        /// Width and height of the picture, in pixels.
-        picture: [usize; 2],
-    },
-}
-
 impl Node for Edges {
     type Outputs = (Mask, Field);
     const OUTPUTS: [&'static str; 2] = ["mask", "magnitude"];
@@ -105,16 +93,13 @@ pub fn edges(
     blur_by: f64,
     high: High,
     low: f64,
-) -> Result<(Mask, Field), EdgesError> {
+) -> Result<(Mask, Field), Error> {
     let levels = match picture {
         Picture::Image(image) => Levels::Luma(image),
         Picture::Mask(mask) => Levels::Inside(mask),
     };
     let [width, height] = levels.size();
-    if let Some(within) = within.filter(|mask| [mask.width(), mask.height()] != [width, height]) {
-        let mask = [within.width(), within.height()];
-        return Err(EdgesError::Size { mask, picture: [width, height] });
-    }
+    check_size([width, height], within)?;
     let within = within.map(Mask::pixels);
     let blurred = (blur_by > 0.0 && width > 0).then(|| blur(levels, blur_by));
     let levels = blurred.as_ref().map_or(levels, |levels| Levels::Plane(levels, width));
@@ -323,7 +308,8 @@ mod tests {
         let within = Mask::from_rows(&["##"]);
         let error =
             edges(&gray(&["000"]), Some(&within), Operator::Central, 0.0, High::default(), 0.4);
-        assert_eq!(error, Err(EdgesError::Size { mask: [2, 1], picture: [3, 1] }));
+        expect!["the mask `within` has [2, 1] pixels, but the picture has [3, 1]"]
+            .assert_eq(&error.unwrap_err().to_string());
     }
 
     #[test]

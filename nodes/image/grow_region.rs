@@ -8,7 +8,7 @@ use maquette_value::{Image, Lab, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::picture_error::{PictureError, check_inside, check_size};
+use super::checks::{check_inside, check_size};
 
 /// Grows a region from seed pixels over neighbors whose color is close to the mean color of the region.
 ///
@@ -69,8 +69,8 @@ pub fn grow_region(
     seeds: &[(u32, u32)],
     distance: f64,
     lightness: f64,
-) -> Result<Mask, PictureError> {
-    check_size(image, within)?;
+) -> Result<Mask, Error> {
+    check_size([image.width(), image.height()], within)?;
     seeds.iter().try_for_each(|&seed| check_inside(image, seed))?;
     let (width, height) = (image.width(), image.height());
     let mut region = Region {
@@ -195,9 +195,11 @@ mod tests {
     fn seeds_outside_and_masks_of_another_size_are_errors() {
         let image = gray(&["11"]);
         let outside = grow_region(&image, None, &[(0, 0), (0, 1)], 5.0, 1.0);
-        assert_eq!(outside, Err(PictureError::Outside { column: 0, row: 1, width: 2, height: 1 }));
+        let expected = "pixel (0, 1) is outside the picture, which has 2 x 1 pixels";
+        assert_eq!(outside.unwrap_err().to_string(), expected);
         let within = Mask::from_rows(&["#"]);
         let error = grow_region(&image, Some(&within), &[], 5.0, 1.0);
-        assert_eq!(error, Err(PictureError::Size { mask: [1, 1], image: [2, 1] }));
+        let expected = "the mask `within` has [1, 1] pixels, but the picture has [2, 1]";
+        assert_eq!(error.unwrap_err().to_string(), expected);
     }
 }

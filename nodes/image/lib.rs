@@ -2,6 +2,7 @@
 
 use maquette_node::{Pack, node};
 
+mod checks;
 mod combine_masks;
 mod connectivity;
 mod edges;
@@ -14,15 +15,14 @@ mod operator;
 mod outline;
 mod painted_mask;
 mod picture;
-mod picture_error;
 mod read_image;
 mod segment;
 mod thin;
 mod threshold;
 
-pub use combine_masks::{CombineMasks, CombineMasksError, CombineMode, combine_masks};
+pub use combine_masks::{CombineMasks, CombineMode, combine_masks};
 pub use connectivity::Connectivity;
-pub use edges::{Edges, EdgesError, High, edges};
+pub use edges::{Edges, High, edges};
 pub use fill_contour::{FillContour, fill_contour};
 pub use filter::morphology::{close, dilate, open};
 pub use grow_region::{GrowRegion, grow_region};
@@ -32,14 +32,13 @@ pub use operator::Operator;
 pub use outline::{Outline, outline};
 pub use painted_mask::{Paint, PaintedMask, painted_mask};
 pub use picture::Picture;
-pub use picture_error::PictureError;
 pub use read_image::ReadImage;
 pub use segment::components::label;
 pub use segment::mark_pixels::threshold;
 pub use segment::otsu::otsu;
 pub use segment::select::level;
 pub use segment::select::{Channel, Select, Space};
-pub use thin::{Thin, ThinError, ThinMethod, thin};
+pub use thin::{Thin, ThinMethod, thin};
 pub use threshold::Threshold;
 
 /// Nodes on pictures.

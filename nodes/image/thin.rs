@@ -3,7 +3,7 @@
 //! Pixels of the mask are connected by sides and corners, pixels outside by sides only. The neighbors of a pixel are numbered clockwise,
 //! beginning above it: bit k of a neighborhood is set if neighbor k is inside the mask.
 
-use maquette_node::{Context, Error, In, Node};
+use maquette_node::{Context, Error, In, Node, bail};
 use maquette_value::{Field, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -34,19 +34,6 @@ pub enum ThinMethod {
     ZhangSuen,
 }
 
-/// Error of thinning a mask.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ThinError {
-    /// The field has another size than the mask.
-    #[error("the field `keep` has {keep:?} pixels, but the mask has {mask:?}")]
-    Size {
-        /// Width and height of the field, in pixels.
-        keep: [usize; 2],
-        /// Width and height of the mask, in pixels.
-        mask: [usize; 2],
-    },
-}
-
 impl Node for Thin {
     type Outputs = (Mask,);
     const OUTPUTS: [&'static str; 1] = ["mask"];
@@ -70,10 +57,10 @@ impl Node for Thin {
 ///
 /// # Errors
 /// Returns an error if `keep` has another size.
-pub fn thin(mask: &Mask, keep: Option<&Field>, method: ThinMethod) -> Result<Mask, ThinError> {
+pub fn thin(mask: &Mask, keep: Option<&Field>, method: ThinMethod) -> Result<Mask, Error> {
     let size = [mask.width(), mask.height()];
     if let Some(keep) = keep.map(|field| [field.width(), field.height()]).filter(|k| *k != size) {
-        return Err(ThinError::Size { keep, mask: size });
+        bail!("the field `keep` has {keep:?} pixels, but the mask has {size:?}");
     }
     let mut canvas = Canvas::new(mask);
     match method {
@@ -431,6 +418,7 @@ mod tests {
     fn a_field_of_another_size_is_an_error() {
         let keep = Field::new(1, 1, vec![0.0]).unwrap();
         let error = thin(&Mask::from_rows(&["##"]), Some(&keep), ThinMethod::Ordered);
-        assert_eq!(error, Err(ThinError::Size { keep: [1, 1], mask: [2, 1] }));
+        let expected = "the field `keep` has [1, 1] pixels, but the mask has [2, 1]";
+        assert_eq!(error.unwrap_err().to_string(), expected);
     }
 }

@@ -6,7 +6,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::filter::morphology::{close, open};
-use super::picture_error::PictureError;
 use super::segment::mark_pixels::threshold;
 use super::segment::select::{Measure, Select, measure};
 
@@ -45,11 +44,7 @@ impl Node for Threshold {
 }
 
 /// Explains an empty selection: names the pixel that came closest to being selected, and its distance.
-fn explain_empty(
-    image: &Image,
-    within: Option<&Mask>,
-    select: &Select,
-) -> Result<String, PictureError> {
+fn explain_empty(image: &Image, within: Option<&Mask>, select: &Select) -> Result<String, Error> {
     let (measure, limit) = measure(image, within, select)?;
     let distances = image.pixels().iter().map(|&pixel| measure.distance(pixel)).enumerate();
     let searched =
@@ -203,6 +198,7 @@ mod tests {
     fn a_mask_of_another_size_is_an_error() {
         let within = Mask::from_rows(&["##"]);
         let error = threshold(&picture(&["rgb"]), Some(&within), &red(5.0, 1.0), false);
-        assert!(matches!(error, Err(PictureError::Size { .. })));
+        expect!["the mask `within` has [2, 1] pixels, but the picture has [3, 1]"]
+            .assert_eq(&error.unwrap_err().to_string());
     }
 }

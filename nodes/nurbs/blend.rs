@@ -3,6 +3,7 @@
 use maquette_image::dilate;
 use maquette_node::{
     CancelledError, Carry, Context, Error, Estimate, In, Limit, Node, Previous, Progress, Transfer,
+    bail,
 };
 use maquette_range::{
     GRAZING, JUMP, Joins, MAX_SHADOW_CELLS, fill_shadows, grid_triangles, longest_edge,
@@ -14,7 +15,6 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::blend_error::BlendError;
 use super::blend_mode::BlendMode;
 use super::grid::canvas::Canvas;
 use super::grid::fold::folded_cells;
@@ -142,10 +142,10 @@ pub fn blend(
     mode: BlendMode,
     resample: [usize; 2],
     progress: &Progress<'_>,
-) -> Result<BlendedRange, BlendError> {
+) -> Result<BlendedRange, Error> {
     let [down, right] = resample;
     if down == 0 || right == 0 {
-        return Err(BlendError::Resample { factors: resample });
+        bail!("cells cannot be divided by {resample:?}: the factors are 1 or more");
     }
     let divided = resample != [1, 1];
     if divided {
@@ -190,7 +190,7 @@ fn follow(
     surface: &Surface,
     mode: BlendMode,
     made: &RangeImage,
-) -> Result<BlendedRange, BlendError> {
+) -> Result<BlendedRange, Error> {
     let mut canvas = Canvas::new(range, region, surface, mode)?;
     // The shadows are filled already, in the last result.
     let cells = canvas.points.par_iter_mut().zip(made.points()).with_min_len(16384);
@@ -222,7 +222,7 @@ fn write_cells(
     mode: BlendMode,
     camera: Option<&Pinhole>,
     region: Option<&Region>,
-) -> Result<WrittenCells, BlendError> {
+) -> Result<WrittenCells, Error> {
     let changes = changes(canvas, surface, mode)?;
     let mut points = canvas.points.clone();
     changes.iter().for_each(|&(cell, point)| points[cell] = point);
@@ -349,7 +349,7 @@ fn changes(
     canvas: &Canvas,
     surface: &Surface,
     mode: BlendMode,
-) -> Result<Vec<(usize, Point3<f64>)>, BlendError> {
+) -> Result<Vec<(usize, Point3<f64>)>, Error> {
     let offsets = match mode {
         BlendMode::Displacement => Some(surface_of_offsets(surface)?),
         _ => None,
@@ -394,7 +394,7 @@ fn changes(
 }
 
 /// Returns the surface whose control points are `points - base`, with the same weights and knots: the displacement at each parameter.
-fn surface_of_offsets(surface: &Surface) -> Result<Surface, BlendError> {
+fn surface_of_offsets(surface: &Surface) -> Result<Surface, Error> {
     let net = surface.net();
     let offsets: Vec<Point3<f64>> = (net.points().iter().zip(net.base()))
         .map(|(point, base)| Point3::from(point - base))

@@ -1,7 +1,7 @@
 //! Makes a rectangular control net for a region of a range grid.
 
 use maquette_base::limits::POINTS;
-use maquette_node::{Context, Error, FieldError, In, Node, Progress};
+use maquette_node::{Context, Error, FieldError, In, Node, Progress, bail};
 use maquette_value as value;
 use maquette_value::{RangeImage, Region};
 use schemars::JsonSchema;
@@ -10,7 +10,6 @@ use serde::{Deserialize, Serialize};
 use super::grid::window::{GridWindow, place_region};
 use super::net::parameterized::parameterize;
 use super::net::{harmonic, polar, rows};
-use super::net_error::NetError;
 
 /// Makes a rectangular control net for a region of a range grid. Points on the region's border are fixed: an offset does not move them.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -80,11 +79,11 @@ impl Node for ControlNet {
             _ if given == 0 => Ok(()),
             NetMethod::Auto | NetMethod::Grid => {
                 let help = "choose a method that takes them, or leave them out";
-                Err(FieldError::new(field, NetError::FixedSize, help))
+                Err(FieldError::new(field, FIXED_SIZE, help))
             }
             _ if self.rows == 1 || self.columns == 1 => {
                 let field = if self.rows == 1 { "rows" } else { "columns" };
-                Err(FieldError::new(field, NetError::OneLine, "write at least 2"))
+                Err(FieldError::new(field, ONE_LINE, "write at least 2"))
             }
             _ => Ok(()),
         }
@@ -100,6 +99,19 @@ impl Node for ControlNet {
     }
 }
 
+/// The error of the methods that do not use a number of rows or columns.
+const FIXED_SIZE: &str = "`rows` and `columns` are for the methods `Rows`, `Polar` and `Harmonic`";
+
+/// The error of a net that has only one row or column.
+const ONE_LINE: &str = "a net has at least 2 rows and 2 columns";
+
+/// Returns the error of a region with too few rows or columns of cells.
+pub(crate) fn degenerate_region(rows: usize, columns: usize) -> Error {
+    Error::new(format!(
+        "the region has {rows} rows and {columns} columns of cells, too few for a surface"
+    ))
+}
+
 /// Makes the control net of a region of `range`, with a net coordinate for each of the region's cells. `rows` and `columns` are for all
 /// methods except [`NetMethod::Grid`]; 0 means automatic.
 ///
@@ -113,13 +125,16 @@ pub fn control_net(
     rows: usize,
     columns: usize,
     progress: &Progress<'_>,
-) -> Result<value::ControlNet, NetError> {
-    let sizes = [[region.width(), region.height()], [range.width(), range.height()]];
-    if sizes[0] != sizes[1] {
-        return Err(NetError::Size { region: sizes[0], range: sizes[1] });
+) -> Result<value::ControlNet, Error> {
+    let region_size = [region.width(), region.height()];
+    let range_size = [range.width(), range.height()];
+    if region_size != range_size {
+        bail!(
+            "the region is part of a grid of {region_size:?} cells, the range image has {range_size:?}"
+        );
     }
     if region.cells().len() == 1 {
-        return Err(NetError::DegenerateRegion { rows: 1, columns: 1 });
+        return Err(degenerate_region(1, 1));
     }
     if (rows, columns) != (0, 0) {
         let (low, high) = region.bounds();
@@ -136,9 +151,11 @@ pub fn control_net(
     }
     let region = &*place_region(region, range, progress)?;
     let net = match method {
-        NetMethod::Auto | NetMethod::Grid if (rows, columns) != (0, 0) => Err(NetError::FixedSize),
+        NetMethod::Auto | NetMethod::Grid if (rows, columns) != (0, 0) => {
+            bail!("{FIXED_SIZE}")
+        }
         NetMethod::Auto | NetMethod::Grid => grid(region, range, progress),
-        _ if rows == 1 || columns == 1 => Err(NetError::OneLine),
+        _ if rows == 1 || columns == 1 => bail!("{ONE_LINE}"),
         NetMethod::Rows => rows::net(region, range, rows, columns),
         NetMethod::Polar { order } => polar::net(region, range, order, [rows, columns], progress),
         NetMethod::Harmonic { corners } => {
@@ -157,7 +174,7 @@ fn grid(
     region: &Region,
     range: &RangeImage,
     progress: &Progress<'_>,
-) -> Result<value::ControlNet, NetError> {
+) -> Result<value::ControlNet, Error> {
     let window = GridWindow::new(region, range, PADDING, progress)?;
     let (rows, columns) = (window.rows, window.columns);
     fn free(at: usize, columns: usize, rows: usize, window_inside: &[u8]) -> bool {
@@ -309,22 +326,24 @@ pub(super) mod tests {
             rows: usize,
             columns: usize,
             range: &RangeImage,
-        ) -> NetError {
-            control_net(region, range, method, rows, columns, &Progress::silent()).unwrap_err()
+        ) -> String {
+            control_net(region, range, method, rows, columns, &Progress::silent())
+                .unwrap_err()
+                .to_string()
         }
         let point = region(&range, |x, y| (x, y) == (2, 2));
         let all = region(&range, |_, _| true);
-        let degenerate = NetError::DegenerateRegion { rows: 1, columns: 1 };
+        let degenerate = "the region has 1 rows and 1 columns of cells, too few for a surface";
         assert_eq!(error(&point, NetMethod::Grid, 0, 0, &range), degenerate);
         assert_eq!(error(&point, NetMethod::Rows, 0, 0, &range), degenerate);
-        assert_eq!(error(&all, NetMethod::Auto, 0, 9, &range), NetError::FixedSize);
-        assert_eq!(error(&all, NetMethod::Rows, 1, 0, &range), NetError::OneLine);
+        assert_eq!(error(&all, NetMethod::Auto, 0, 9, &range), FIXED_SIZE);
+        assert_eq!(error(&all, NetMethod::Rows, 1, 0, &range), ONE_LINE);
         for method in [NetMethod::Rows, NetMethod::Polar { order: 3 }] {
-            let error = error(&all, method, 4096, 4096, &range).to_string();
+            let error = error(&all, method, 4096, 4096, &range);
             assert!(error.starts_with("the net would need about 17 000 000 points"), "{error}");
         }
         let other = region(&turned, |_, _| true);
-        let size = NetError::Size { region: [5, 6], range: [6, 5] };
+        let size = "the region is part of a grid of [5, 6] cells, the range image has [6, 5]";
         assert_eq!(error(&other, NetMethod::Auto, 0, 0, &range), size);
     }
 }

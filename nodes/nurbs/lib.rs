@@ -3,22 +3,18 @@
 use maquette_node::{Pack, node};
 
 mod blend;
-mod blend_error;
 mod blend_mode;
 mod control_net;
 mod fit;
-mod fit_error;
 mod fit_method;
 mod fit_parameters;
 mod fit_surface;
 mod grid;
 mod knot_vectors;
 mod knots;
-mod knots_error;
 mod knots_kind;
 mod loft;
 mod net;
-mod net_error;
 mod nurbs;
 mod offset_net;
 mod point_net;
@@ -27,30 +23,24 @@ mod tessellate;
 mod weights;
 
 pub use blend::{Blend, BlendedRange, blend};
-pub use blend_error::BlendError;
 pub use blend_mode::BlendMode;
 pub use control_net::{ControlNet, NetMethod, control_net};
-pub use fit_error::FitError;
 pub use fit_method::FitMethod;
 pub use fit_parameters::FitParameters;
 pub use fit_surface::{FitSurface, FittedSurface, fit_surface};
 pub use grid::seam::Seam;
-pub use grid::within::WithinError;
 pub use knot_vectors::knot_vector::knots;
 pub use knots::Knots;
-pub use knots_error::KnotsError;
 pub use knots_kind::KnotsKind;
-pub use loft::{Loft, LoftError, Section, loft};
-pub use maquette_base::linear::laplace::PoissonError;
+pub use loft::{Loft, Section, loft};
 pub use maquette_base::parameters::parameters;
-pub use net::profile::{Profile, ProfileError};
-pub use net_error::NetError;
-pub use nurbs::{Nurbs, NurbsError, nurbs};
-pub use offset_net::{OffsetError, OffsetNet, OffsetStep, offset_net};
+pub use net::profile::Profile;
+pub use nurbs::{Nurbs, nurbs};
+pub use offset_net::{OffsetNet, OffsetStep, offset_net};
 pub use point_net::{PointNet, point_net};
-pub use revolve::{Revolve, RevolveError, revolve, revolve_curve};
-pub use tessellate::{Tessellate, TessellateError, tessellate};
-pub use weights::{Weights, WeightsError, weights, weights_inside};
+pub use revolve::{Revolve, revolve, revolve_curve};
+pub use tessellate::{Tessellate, tessellate};
+pub use weights::{Weights, weights, weights_inside};
 
 /// Nodes that redesign a region as a rational B-spline surface.
 pub static PACK: Pack = Pack {

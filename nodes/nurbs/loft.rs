@@ -1,9 +1,9 @@
 //! Makes a control net from sections.
 
 use maquette_base::limits::POINTS;
-use maquette_node::{Context, Error, FieldError, In, LimitError, Node};
+use maquette_node::{Context, Error, FieldError, In, Node, bail};
 use maquette_value as value;
-use maquette_value::{ControlNetError, Curve, KnotVector};
+use maquette_value::{Curve, KnotVector};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -36,30 +36,15 @@ pub struct Loft {
     pub columns: usize,
 }
 
-/// Reasons why sections make no net.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum LoftError {
-    /// No sections are given.
-    #[error("there are no sections: both `curves` and `sections` are empty")]
-    Nothing,
-    /// A section has no points.
-    #[error("section {section} has no point")]
-    Empty {
-        /// The index of the section.
-        section: usize,
-    },
-    /// Too few columns to distinguish the ends of a section.
-    #[error("a loft has at least 2 columns; the sections have {columns}")]
-    OneColumn {
-        /// The requested number of columns, or the points of the longest section.
-        columns: usize,
-    },
-    /// The net would have too many points.
-    #[error(transparent)]
-    TooMuch(#[from] LimitError),
-    /// The points do not form a valid net.
-    #[error(transparent)]
-    Net(#[from] ControlNetError),
+/// The error of a loft without sections.
+const NO_SECTIONS: &str = "there are no sections: both `curves` and `sections` are empty";
+
+fn empty_section(section: usize) -> Error {
+    Error::new(format!("section {section} has no point"))
+}
+
+fn one_column(columns: usize) -> Error {
+    Error::new(format!("a loft has at least 2 columns; the sections have {columns}"))
 }
 
 impl Node for Loft {
@@ -70,12 +55,12 @@ impl Node for Loft {
         let count = self.sections.len() + self.curves.len() + usize::from(self.end.is_some());
         if let Some(section) = self.sections.iter().position(Vec::is_empty) {
             let help = "write its points, or leave it out";
-            return Err(FieldError::new("sections", LoftError::Empty { section }, help));
+            return Err(FieldError::new("sections", empty_section(section), help));
         }
         if count == 0 {
             let help =
                 "link curves, as `curves: [\"curve\"]`, or write `sections: [[(0, 0, 0), ..], ..]`";
-            return Err(FieldError::new("", LoftError::Nothing, help));
+            return Err(FieldError::new("", NO_SECTIONS, help));
         }
         // A net of one row has no surface. A single link may yield several curves if its data has parts, so nodes with links are not
         // checked here.
@@ -93,7 +78,7 @@ impl Node for Loft {
                 0 => ("sections", "give a section more points"),
                 _ => ("columns", "write at least 2, or leave `columns` out"),
             };
-            return Err(FieldError::new(field, LoftError::OneColumn { columns }, help));
+            return Err(FieldError::new(field, one_column(columns), help));
         }
         Ok(())
     }
@@ -172,17 +157,17 @@ fn common_knots(sections: &[Section]) -> Option<&KnotVector> {
 ///
 /// # Errors
 /// Returns an error if there is no section, a section is empty, all are single points, or a point is not finite.
-pub fn loft(sections: &[Section], columns: usize) -> Result<value::ControlNet, LoftError> {
+pub fn loft(sections: &[Section], columns: usize) -> Result<value::ControlNet, Error> {
     if sections.is_empty() {
-        return Err(LoftError::Nothing);
+        bail!("{NO_SECTIONS}");
     }
     if let Some(section) = sections.iter().position(|section| section.points.is_empty()) {
-        return Err(LoftError::Empty { section });
+        return Err(empty_section(section));
     }
     let longest = sections.iter().map(Section::own_count).max().unwrap_or(0);
     let columns = if columns == 0 { longest } else { columns };
     if columns < 2 {
-        return Err(LoftError::OneColumn { columns });
+        return Err(one_column(columns));
     }
     POINTS.check("the net of the sections", sections.len() as f64 * columns as f64)?;
     let exact = common_knots(sections).is_some_and(|knots| knots.n_control() == columns);
@@ -205,12 +190,12 @@ pub fn loft(sections: &[Section], columns: usize) -> Result<value::ControlNet, L
 
 #[cfg(test)]
 mod tests {
-    use maquette_value::ParameterDirection;
+    use maquette_value::{ControlNetError, ParameterDirection};
 
     use super::super::nurbs::nurbs;
     use super::*;
 
-    fn loft(sections: &[Vec<[f64; 3]>], columns: usize) -> Result<value::ControlNet, LoftError> {
+    fn loft(sections: &[Vec<[f64; 3]>], columns: usize) -> Result<value::ControlNet, Error> {
         super::loft(&sections.iter().map(Section::from).collect::<Vec<_>>(), columns)
     }
 
@@ -290,13 +275,18 @@ mod tests {
         fn points(count: usize) -> Vec<[f64; 3]> {
             vec![[0.0; 3]; count]
         }
-        assert_eq!(loft(&[points(2), points(0)], 0), Err(LoftError::Empty { section: 1 }));
-        assert_eq!(loft(&[points(1)], 0), Err(LoftError::OneColumn { columns: 1 }));
-        assert_eq!(loft(&[points(3)], 1), Err(LoftError::OneColumn { columns: 1 }));
-        for columns in [0, 4] {
-            assert_eq!(loft(&[], columns), Err(LoftError::Nothing));
+        fn error(sections: &[Vec<[f64; 3]>], columns: usize) -> String {
+            loft(sections, columns).unwrap_err().to_string()
         }
-        assert!(matches!(loft(&[vec![[f64::NAN; 3]; 3]], 5), Err(LoftError::Net(_))));
+        let one_column = "a loft has at least 2 columns; the sections have 1";
+        assert_eq!(error(&[points(2), points(0)], 0), "section 1 has no point");
+        assert_eq!(error(&[points(1)], 0), one_column);
+        assert_eq!(error(&[points(3)], 1), one_column);
+        for columns in [0, 4] {
+            assert_eq!(error(&[], columns), NO_SECTIONS);
+        }
+        let error = loft(&[vec![[f64::NAN; 3]; 3]], 5).unwrap_err();
+        assert!(error.downcast::<ControlNetError>().is_some(), "{error}");
     }
 
     #[test]

@@ -1,13 +1,12 @@
 //! Makes a rational B-spline surface from a control net.
 
-use maquette_node::{Context, Error, In, Node};
+use maquette_node::{Context, Error, In, Node, bail};
 use maquette_value as value;
-use maquette_value::{KnotVector, ParameterDirection, Surface, SurfaceError};
+use maquette_value::{KnotVector, ParameterDirection, Surface};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::knot_vectors::knot_vector::knots;
-use super::knots_error::KnotsError;
 use super::knots_kind::KnotsKind;
 
 /// Makes a rational B-spline surface (NURBS) from a control net.
@@ -23,27 +22,6 @@ pub struct Nurbs {
     #[schemars(inner(range(min = 2, max = 10)))]
     #[serde(default)]
     pub order: Option<[usize; 2]>,
-}
-
-/// Reasons why a net makes no surface.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum NurbsError {
-    /// The given order differs from the order of the linked knots.
-    #[error("`order` is {order} along {along:?}, but the linked knots are of order {knots}")]
-    Order {
-        /// The parameter direction of the surface, u or v.
-        along: ParameterDirection,
-        /// The order given by the node's parameter `order`.
-        order: usize,
-        /// The order of the linked knots.
-        knots: usize,
-    },
-    /// The knots cannot be made for this net.
-    #[error(transparent)]
-    Knots(#[from] KnotsError),
-    /// The knots or weights do not fit the net.
-    #[error(transparent)]
-    Surface(#[from] SurfaceError),
 }
 
 impl Node for Nurbs {
@@ -66,16 +44,19 @@ pub fn nurbs(
     u: Option<&KnotVector>,
     v: Option<&KnotVector>,
     order: Option<[usize; 2]>,
-) -> Result<Surface, NurbsError> {
+) -> Result<Surface, Error> {
     fn choose(
         given: Option<&KnotVector>,
         order: Option<usize>,
         along: ParameterDirection,
         net: &maquette_value::ControlNet,
-    ) -> Result<KnotVector, NurbsError> {
+    ) -> Result<KnotVector, Error> {
         match (given, order) {
             (Some(knots), Some(order)) if knots.degree() + 1 != order => {
-                Err(NurbsError::Order { along, order, knots: knots.degree() + 1 })
+                bail!(
+                    "`order` is {order} along {along:?}, but the linked knots are of order {}",
+                    knots.degree() + 1
+                )
             }
             (Some(knots), _) => Ok(knots.clone()),
             (None, order) => Ok(knots(net, along, order.unwrap_or(3), &KnotsKind::Uniform)?),
@@ -88,6 +69,7 @@ pub fn nurbs(
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::SurfaceError;
     use nalgebra::Point3;
 
     use super::*;
@@ -111,18 +93,19 @@ mod tests {
         let knots = KnotVector::uniform(4, 4).unwrap();
         assert!(nurbs(&net(), Some(&knots), None, None).is_ok());
         assert!(nurbs(&net(), Some(&knots), None, Some([4, 2])).is_ok());
-        assert_eq!(
-            nurbs(&net(), Some(&knots), None, Some([3, 3])),
-            Err(NurbsError::Order { along: ParameterDirection::U, order: 3, knots: 4 })
-        );
+        let error = nurbs(&net(), Some(&knots), None, Some([3, 3])).unwrap_err();
+        let expected = "`order` is 3 along U, but the linked knots are of order 4";
+        assert_eq!(error.to_string(), expected);
     }
 
     #[test]
     fn knots_for_another_net_are_refused() {
         let knots = KnotVector::uniform(4, 3).unwrap();
         let error = nurbs(&net(), None, Some(&knots), None).unwrap_err();
-        assert_eq!(error, SurfaceError::Count { along: 'v', knots: 4, points: 5 }.into());
+        let count = SurfaceError::Count { along: 'v', knots: 4, points: 5 };
+        assert_eq!(error.downcast(), Some(&count));
         let small = nurbs(&net(), None, None, Some([5, 3])).unwrap_err();
-        assert!(matches!(small, NurbsError::Knots(KnotsError::TooFew { points: 4, .. })));
+        let too_few = "order 5 along U needs at least 5 control points, the net has 4";
+        assert_eq!(small.to_string(), too_few);
     }
 }

@@ -1,14 +1,14 @@
 //! Moves the free points of a control net.
 
-use maquette_node::{Context, Error, FieldError, In, Node, Progress};
+use maquette_node::{Context, Error, FieldError, In, Node, Progress, bail};
 use maquette_value as value;
-use maquette_value::{ControlNetError, Direction, DirectionError, Field, Region};
+use maquette_value::{Direction, DirectionError, Field, Region};
 use nalgebra::{Matrix3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::grid::within::{WithinError, points_in_region};
-use super::net::profile::{Profile, ProfileError};
+use super::grid::within::points_in_region;
+use super::net::profile::{NO_PICTURE, Profile};
 
 /// Moves the free points of a control net in one or several steps, each in the direction of the previous one, rotated by an angle. Fixed
 /// points stay.
@@ -45,29 +45,6 @@ pub struct OffsetStep {
     pub axis: [f64; 3],
 }
 
-/// Reasons why a net cannot be offset.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum OffsetError {
-    /// The axis is parallel to the direction.
-    #[error("step {step} has no rotation axis: it must not be parallel to the direction")]
-    Singular {
-        /// The index of the step.
-        step: usize,
-    },
-    /// The net has no mean normal.
-    #[error("the net has no mean normal: link one to the port `normal`")]
-    Normal(#[source] DirectionError),
-    /// The region does not fit the net.
-    #[error(transparent)]
-    Within(#[from] WithinError),
-    /// The profile is invalid.
-    #[error(transparent)]
-    Profile(#[from] ProfileError),
-    /// A point was moved beyond the largest coordinate.
-    #[error(transparent)]
-    Net(#[from] ControlNetError),
-}
-
 impl Node for OffsetNet {
     type Outputs = (value::ControlNet,);
     const OUTPUTS: [&'static str; 1] = ["net"];
@@ -75,7 +52,7 @@ impl Node for OffsetNet {
     fn check(&self) -> Result<(), FieldError> {
         if self.profile == Profile::Picture && self.picture.is_none() {
             let help = "link a field, as `picture: \"node\"`, or choose another profile";
-            return Err(FieldError::new("profile", ProfileError::NoPicture, help));
+            return Err(FieldError::new("profile", NO_PICTURE, help));
         }
         Ok(())
     }
@@ -105,7 +82,7 @@ pub fn offset_net(
     steps: &[OffsetStep],
     profile: Profile,
     progress: &Progress<'_>,
-) -> Result<value::ControlNet, OffsetError> {
+) -> Result<value::ControlNet, Error> {
     let mut free: Vec<u8> = net.fixed_points().iter().map(|&fixed| u8::from(fixed == 0)).collect();
     if let Some(region) = region {
         free.iter_mut()
@@ -114,7 +91,7 @@ pub fn offset_net(
     }
     let normal = match normal {
         Some(normal) => normal,
-        None => mean_normal(net).map_err(OffsetError::Normal)?.vector(),
+        None => mean_normal(net).map_err(no_normal)?.vector(),
     };
     let offset = sum_of_steps(net, normal, steps)?;
     let factors = profile.factors(net, &free, offset.norm(), picture, progress)?;
@@ -126,24 +103,31 @@ pub fn offset_net(
     Ok(net.clone().with_points(moved.collect::<Vec<_>>())?)
 }
 
+fn no_normal(error: DirectionError) -> Error {
+    Error::new(format!("the net has no mean normal: link one to the port `normal`: {error}"))
+}
+
 /// Returns `sum_r s_r n_r`, where `s_r` is the distance of step r and `n_r` its direction. Each direction is the previous one, rotated by
 /// Rodrigues' formula `n cos + (axis x n) sin + axis (axis . n) (1 - cos)`.
 fn sum_of_steps(
     net: &value::ControlNet,
     normal: Unit<Vector3<f64>>,
     steps: &[OffsetStep],
-) -> Result<Vector3<f64>, OffsetError> {
+) -> Result<Vector3<f64>, Error> {
     let mut direction = normal.into_inner();
     let mut sum = Vector3::zeros();
     for (index, step) in steps.iter().enumerate() {
         if step.angle != 0.0 {
-            let singular = OffsetError::Singular { step: index };
             let axis = match Vector3::from(step.axis) {
                 axis if axis == Vector3::zeros() => leaning_axis(net, normal),
                 axis => Unit::try_new(axis, 0.0),
             };
             let axis = axis.filter(|axis| axis.cross(&direction).norm() > PARALLEL);
-            let axis = axis.ok_or(singular)?.into_inner();
+            let Some(axis) = axis.map(Unit::into_inner) else {
+                bail!(
+                    "step {index} has no rotation axis: it must not be parallel to the direction"
+                );
+            };
             let angle = step.angle * (std::f64::consts::PI / 180.0);
             let (sin, cos) = (libm::sin(angle), libm::cos(angle));
             direction = direction * cos
@@ -237,7 +221,7 @@ mod tests {
         OffsetStep { distance, angle, axis }
     }
 
-    fn displacement(steps: &[OffsetStep]) -> Result<Vector3<f64>, OffsetError> {
+    fn displacement(steps: &[OffsetStep]) -> Result<Vector3<f64>, Error> {
         let net = net();
         let free = net.fixed_points().iter().position(|&fixed| fixed == 0).unwrap();
         let after = offset_net(
@@ -320,12 +304,14 @@ mod tests {
     #[test]
     fn an_axis_along_the_direction_turns_nothing() {
         let parallel = displacement(&[step(1.0, 0.0, [0.0; 3]), step(1.0, 10.0, [0.0, 0.0, 2.0])]);
-        assert_eq!(parallel, Err(OffsetError::Singular { step: 1 }));
+        let no_axis = "step 1 has no rotation axis: it must not be parallel to the direction";
+        assert_eq!(parallel.unwrap_err().to_string(), no_axis);
         let along_x = Some(Unit::new_unchecked(Vector3::x()));
         let steps = [step(1.0, 10.0, [0.0; 3])];
         let chosen =
             offset_net(&net(), along_x, None, None, &steps, Profile::Plateau, &Progress::silent());
-        assert_eq!(chosen, Err(OffsetError::Singular { step: 0 }));
+        let no_axis = "step 0 has no rotation axis: it must not be parallel to the direction";
+        assert_eq!(chosen.unwrap_err().to_string(), no_axis);
     }
 
     #[test]
@@ -339,7 +325,8 @@ mod tests {
         let point = value::ControlNet::new(2, 2, vec![Point3::origin(); 4]).unwrap();
         let none =
             offset_net(&point, None, None, None, &steps, Profile::Plateau, &Progress::silent());
-        assert!(matches!(none, Err(OffsetError::Normal(_))));
+        let none = none.unwrap_err().to_string();
+        assert!(none.starts_with("the net has no mean normal: link one to"), "{none}");
     }
 
     #[test]
@@ -379,6 +366,7 @@ mod tests {
             Profile::Plateau,
             &Progress::silent(),
         );
-        assert!(matches!(refused, Err(OffsetError::Within(WithinError::Size { .. }))));
+        let size = "the region is part of a grid of [5, 5] cells, the net of one of [24, 14]";
+        assert_eq!(refused.unwrap_err().to_string(), size);
     }
 }

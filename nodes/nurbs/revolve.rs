@@ -1,8 +1,8 @@
 //! Makes a control net by revolving a profile around an axis.
 
-use maquette_node::{Context, Error, FieldError, In, Node};
+use maquette_node::{Context, Error, FieldError, In, Node, bail};
 use maquette_value as value;
-use maquette_value::{ControlNetError, Curve};
+use maquette_value::Curve;
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -26,34 +26,8 @@ pub struct Revolve {
     pub profile: Vec<[f64; 2]>,
 }
 
-/// Reasons why a profile cannot be revolved.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum RevolveError {
-    /// Both profiles are given, or none.
-    #[error("a profile is either linked at `curve` or written in `profile`")]
-    OneProfile,
-    /// The curve leaves the plane of the profile.
-    #[error("point {index} of the curve has z = {z}, but a profile must be in the plane z = 0")]
-    NotFlat {
-        /// The index of the point.
-        index: usize,
-        /// The z coordinate of the point in mm.
-        z: f64,
-    },
-    /// A point of the profile is on the other side of the axis.
-    #[error(
-        "point {index} of the profile is {radius} from the axis; the distance must be 0 or more"
-    )]
-    Radius {
-        /// The index of the point.
-        index: usize,
-        /// The distance of the point from the axis in mm.
-        radius: f64,
-    },
-    /// The points do not form a valid net.
-    #[error(transparent)]
-    Net(#[from] ControlNetError),
-}
+/// The error if both profiles are given, or none.
+const ONE_PROFILE: &str = "a profile is either linked at `curve` or written in `profile`";
 
 impl Node for Revolve {
     type Outputs = (value::ControlNet,);
@@ -65,7 +39,7 @@ impl Node for Revolve {
                 Some(_) => "leave `profile` out",
                 None => "link a curve, or write `profile: [(1, 0), (1, 5)]`",
             };
-            return Err(FieldError::new("profile", RevolveError::OneProfile, help));
+            return Err(FieldError::new("profile", ONE_PROFILE, help));
         }
         if self.curve.is_some() {
             return Ok(());
@@ -82,8 +56,8 @@ impl Node for Revolve {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         match self.curve.as_ref().map(|curve| cx.get(curve)) {
-            Some(_) if !self.profile.is_empty() => Err(RevolveError::OneProfile.into()),
-            None if self.profile.is_empty() => Err(RevolveError::OneProfile.into()),
+            Some(_) if !self.profile.is_empty() => bail!("{ONE_PROFILE}"),
+            None if self.profile.is_empty() => bail!("{ONE_PROFILE}"),
             None => Ok((revolve(&self.profile)?,)),
             Some(curve) => {
                 if let Some(knots) = curve.knots().filter(|knots| !is_even(knots)) {
@@ -118,7 +92,7 @@ const SQUARE: [[f64; 2]; 9] = [
 ///
 /// # Errors
 /// Returns an error if a radius is negative, or the profile is empty or not finite.
-pub fn revolve(profile: &[[f64; 2]]) -> Result<value::ControlNet, RevolveError> {
+pub fn revolve(profile: &[[f64; 2]]) -> Result<value::ControlNet, Error> {
     revolve_profile(profile, &vec![1.0; profile.len()])
 }
 
@@ -131,11 +105,14 @@ const FLAT: f64 = 1e-6;
 ///
 /// # Errors
 /// Returns an error if a point is not in the plane, or its x is negative.
-pub fn revolve_curve(curve: &Curve) -> Result<value::ControlNet, RevolveError> {
+pub fn revolve_curve(curve: &Curve) -> Result<value::ControlNet, Error> {
     let points = curve.points();
     if let Some(index) = points.iter().position(|point| point.z.abs() > FLAT * point.coords.norm())
     {
-        return Err(RevolveError::NotFlat { index, z: points[index].z });
+        bail!(
+            "point {index} of the curve has z = {}, but a profile must be in the plane z = 0",
+            points[index].z
+        );
     }
     let mut profile: Vec<[f64; 2]> = points.iter().map(|point| [point.x, point.y]).collect();
     match curve.weights() {
@@ -148,12 +125,12 @@ pub fn revolve_curve(curve: &Curve) -> Result<value::ControlNet, RevolveError> {
     }
 }
 
-fn revolve_profile(
-    profile: &[[f64; 2]],
-    weights: &[f64],
-) -> Result<value::ControlNet, RevolveError> {
+fn revolve_profile(profile: &[[f64; 2]], weights: &[f64]) -> Result<value::ControlNet, Error> {
     if let Some(index) = profile.iter().position(|[radius, _]| *radius < 0.0) {
-        return Err(RevolveError::Radius { index, radius: profile[index][0] });
+        bail!(
+            "point {index} of the profile is {} from the axis; the distance must be 0 or more",
+            profile[index][0]
+        );
     }
     let points: Vec<_> = profile
         .iter()
@@ -168,7 +145,7 @@ fn revolve_profile(
 
 #[cfg(test)]
 mod tests {
-    use maquette_value::{KnotVector, ParameterDirection};
+    use maquette_value::{ControlNetError, KnotVector, ParameterDirection};
 
     use super::super::nurbs::nurbs;
     use super::*;
@@ -214,16 +191,21 @@ mod tests {
         }
         let square =
             Curve::polyline(vec![point(1., 0.), point(2., 0.), point(2., 1.)], true).unwrap();
-        assert_eq!(revolve_curve(&square), revolve(&[[1., 0.], [2., 0.], [2., 1.], [1., 0.]]));
+        let profile = revolve(&[[1., 0.], [2., 0.], [2., 1.], [1., 0.]]);
+        assert_eq!(revolve_curve(&square).unwrap(), profile.unwrap());
         let off = Curve::polyline(vec![point(1., 0.), Point3::new(1., 1., 0.1)], false).unwrap();
-        assert_eq!(revolve_curve(&off), Err(RevolveError::NotFlat { index: 1, z: 0.1 }));
+        let not_flat = "point 1 of the curve has z = 0.1, but a profile must be in the plane z = 0";
+        assert_eq!(revolve_curve(&off).unwrap_err().to_string(), not_flat);
     }
 
     #[test]
     fn profiles_that_cannot_be_revolved_are_refused() {
-        let beyond = RevolveError::Radius { index: 1, radius: -2.0 };
-        assert_eq!(revolve(&[[1.0, 0.0], [-2.0, 1.0]]), Err(beyond));
-        assert!(matches!(revolve(&[]), Err(RevolveError::Net(_))));
-        assert!(matches!(revolve(&[[f64::NAN, 0.0]]), Err(RevolveError::Net(_))));
+        let error = revolve(&[[1.0, 0.0], [-2.0, 1.0]]).unwrap_err();
+        let beyond = "point 1 of the profile is -2 from the axis; the distance must be 0 or more";
+        assert_eq!(error.to_string(), beyond);
+        for profile in [&[][..], &[[f64::NAN, 0.0]]] {
+            let error = revolve(profile).unwrap_err();
+            assert!(error.downcast::<ControlNetError>().is_some(), "{error}");
+        }
     }
 }

@@ -1,8 +1,8 @@
 //! Tessellates a surface.
 
 use maquette_base::limits::VERTICES;
-use maquette_node::{Context, Error, Estimate, FieldError, In, LimitError, Node, Promise};
-use maquette_value::{Mesh, MeshError, Surface};
+use maquette_node::{Context, Error, Estimate, FieldError, In, Node, Promise, bail};
+use maquette_value::{Mesh, Surface};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -27,19 +27,8 @@ pub struct Tessellate {
     pub tolerance: f64,
 }
 
-/// Reasons why a surface cannot be tessellated.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum TessellateError {
-    /// Both a number of quads and a tolerance are given.
-    #[error("`tolerance` chooses the quads itself: leave `u` and `v` out")]
-    Both,
-    /// The mesh would have too many quads.
-    #[error(transparent)]
-    TooMuch(#[from] LimitError),
-    /// The mesh of the surface is invalid.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-}
+/// The error if both a number of quads and a tolerance are given.
+const BOTH: &str = "`tolerance` chooses the quads itself: leave `u` and `v` out";
 
 impl Node for Tessellate {
     type Outputs = (Mesh,);
@@ -53,7 +42,7 @@ impl Node for Tessellate {
             (true, _) | (false, [0, 0]) => Ok(()),
             (false, _) => {
                 let help = "leave `tolerance` out, or `u` and `v`";
-                Err(FieldError::new("tolerance", TessellateError::Both, help))
+                Err(FieldError::new("tolerance", BOTH, help))
             }
         }
     }
@@ -74,18 +63,14 @@ impl Node for Tessellate {
 ///
 /// # Errors
 /// Returns an error if both are given, or the mesh would be too large or not finite.
-pub fn tessellate(
-    surface: &Surface,
-    [u, v]: [usize; 2],
-    tolerance: f64,
-) -> Result<Mesh, TessellateError> {
+pub fn tessellate(surface: &Surface, [u, v]: [usize; 2], tolerance: f64) -> Result<Mesh, Error> {
     match (tolerance == 0.0, [u, v]) {
         (true, _) => {
             VERTICES.check("the mesh of the surface", vertices(surface, [u, v]))?;
             Ok(surface.tessellate(u, v)?)
         }
         (false, [0, 0]) => Ok(surface.tessellate_within(tolerance)?),
-        (false, _) => Err(TessellateError::Both),
+        (false, _) => bail!("{BOTH}"),
     }
 }
 
@@ -111,7 +96,7 @@ mod tests {
         let surface = surface.unwrap();
         assert_eq!(tessellate(&surface, [2, 3], 0.0).unwrap().faces().len(), 6);
         assert!(tessellate(&surface, [0, 0], 0.01).unwrap().faces().len() > 6);
-        assert_eq!(tessellate(&surface, [2, 0], 0.01), Err(TessellateError::Both));
+        assert_eq!(tessellate(&surface, [2, 0], 0.01).unwrap_err().to_string(), BOTH);
     }
 
     #[test]

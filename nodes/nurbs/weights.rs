@@ -1,12 +1,12 @@
 //! Changes the weights of control points.
 
-use maquette_node::{Context, Error, In, Node};
+use maquette_node::{Context, Error, In, Node, bail};
 use maquette_value as value;
-use maquette_value::{ControlNetError, Region};
+use maquette_value::Region;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::grid::within::{WithinError, points_in_region};
+use super::grid::within::points_in_region;
 
 /// Changes the weights of control points: how strongly they attract the surface.
 ///
@@ -40,27 +40,6 @@ fn default_factor() -> f64 {
     1.0
 }
 
-/// Reasons why weights cannot be changed.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum WeightsError {
-    /// The number of factors does not match the net.
-    #[error("{factors} factors are given for {count} {what}")]
-    Count {
-        /// The parameter with the wrong number of factors: `rows` or `columns`.
-        what: &'static str,
-        /// The number of factors in the list.
-        factors: usize,
-        /// The number of rows or columns of the net.
-        count: usize,
-    },
-    /// The region does not fit the net.
-    #[error(transparent)]
-    Within(#[from] WithinError),
-    /// A resulting weight is negative or not finite.
-    #[error(transparent)]
-    Net(#[from] ControlNetError),
-}
-
 impl Node for Weights {
     type Outputs = (value::ControlNet,);
     const OUTPUTS: [&'static str; 1] = ["net"];
@@ -91,12 +70,12 @@ pub fn weights(
     all: f64,
     rows: &[f64],
     columns: &[f64],
-) -> Result<value::ControlNet, WeightsError> {
+) -> Result<value::ControlNet, Error> {
     for (what, factors, count) in
         [("rows", rows.len(), net.rows()), ("columns", columns.len(), net.columns())]
     {
         if factors != 0 && factors != count {
-            return Err(WeightsError::Count { what, factors, count });
+            bail!("{factors} factors are given for {count} {what}");
         }
     }
     fn factor(factors: &[f64], k: usize) -> f64 {
@@ -117,7 +96,7 @@ pub fn weights_inside(
     net: &value::ControlNet,
     region: &Region,
     factor: f64,
-) -> Result<value::ControlNet, WeightsError> {
+) -> Result<value::ControlNet, Error> {
     let pairs = net.weights().iter().zip(points_in_region(net, region)?);
     let changed = pairs.map(|(weight, within)| if within == 1 { weight * factor } else { *weight });
     Ok(net.clone().with_weights(changed.collect())?)
@@ -157,11 +136,13 @@ mod tests {
         fn part(range: &maquette_value::RangeImage) -> Region {
             region(range, |x, y| x < 5 && y < 4)
         }
-        assert_eq!(weights_inside(&net(), &part(&here), 2.0), Err(WithinError::NoChart.into()));
+        let error = weights_inside(&net(), &part(&here), 2.0).unwrap_err();
+        assert_eq!(error.to_string(), "`region` needs a net that was made from a region");
         let made =
             control_net(&part(&here), &here, NetMethod::Grid, 0, 0, &Progress::silent()).unwrap();
-        let size = WithinError::Size { region: [11, 10], net: [12, 10] };
-        assert_eq!(weights_inside(&made, &part(&there), 2.0), Err(size.into()));
+        let error = weights_inside(&made, &part(&there), 2.0).unwrap_err();
+        let size = "the region is part of a grid of [11, 10] cells, the net of one of [12, 10]";
+        assert_eq!(error.to_string(), size);
     }
 
     fn net() -> value::ControlNet {
@@ -178,8 +159,8 @@ mod tests {
 
     #[test]
     fn factors_for_another_net_are_refused() {
-        let count = WeightsError::Count { what: "columns", factors: 3, count: 2 };
-        assert_eq!(weights(&net(), 1.0, &[], &[1.0; 3]), Err(count));
+        let error = weights(&net(), 1.0, &[], &[1.0; 3]).unwrap_err();
+        assert_eq!(error.to_string(), "3 factors are given for 2 columns");
         assert!(weights(&net(), -1.0, &[], &[]).is_err());
         assert!(weights(&net(), f64::NAN, &[], &[]).is_err());
     }

@@ -1,7 +1,7 @@
 //! Computes the mean normal of a region's surface.
 
-use maquette_node::{Context, Error, In, Node};
-use maquette_value::{Direction, DirectionError, RangeImage, Region};
+use maquette_node::{Context, Error, In, Node, bail};
+use maquette_value::{Direction, RangeImage, Region};
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -30,27 +30,10 @@ pub enum Weight {
     Area,
 }
 
-/// Error of computing the average normal.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum AverageNormalError {
-    /// The region was taken from another range image.
-    #[error("the region has a grid of {region:?} cells, but the range image has {range:?}")]
-    Size {
-        /// The size of the region's grid, in cells.
-        region: [usize; 2],
-        /// The size of the range image's grid, in cells.
-        range: [usize; 2],
-    },
-    /// The region has no triangle.
-    #[error("the region has no triangle: no three of its cells share a corner")]
-    NoTriangle,
-    /// The points do not define a plane.
-    #[error("the points of the region are on a line or coincide, so there is no normal")]
-    Line,
-    /// The normals of the triangles cancel out, so their mean has no direction.
-    #[error(transparent)]
-    Direction(#[from] DirectionError),
-}
+/// The error that a region has no triangle.
+#[derive(Debug, thiserror::Error)]
+#[error("the region has no triangle: no three of its cells share a corner")]
+struct NoTriangleError;
 
 impl Node for AverageNormal {
     type Outputs = (Direction,);
@@ -59,7 +42,7 @@ impl Node for AverageNormal {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (region, range) = (cx.get(&self.region), cx.get(&self.range));
         match average_normal(region, range, self.weight) {
-            Err(AverageNormalError::NoTriangle) => {
+            Err(error) if error.downcast::<NoTriangleError>().is_some() => {
                 let normal = principal_normal(region, range)?;
                 cx.warn("the region has no triangle: the normal of the plane closest to its points is used");
                 Ok((normal,))
@@ -81,7 +64,7 @@ pub fn average_normal(
     region: &Region,
     range: &RangeImage,
     weight: Weight,
-) -> Result<Direction, AverageNormalError> {
+) -> Result<Direction, Error> {
     check_size(region, range)?;
     let (width, height, points) = grid_of(region);
     // The minimum length of a triangle's `t`, twice its area: smaller triangles are only rounding errors.
@@ -105,7 +88,7 @@ pub fn average_normal(
         }
     }
     if total == 0.0 {
-        return Err(AverageNormalError::NoTriangle);
+        return Err(NoTriangleError.into());
     }
     Ok(Direction::mean(towards_sensor(sum / total, region, range))?)
 }
@@ -116,14 +99,11 @@ pub fn average_normal(
 /// Pearson, "On lines and planes of closest fit to systems of points in space" (1901).
 ///
 /// Returns an error if the region's grid is not that of `range`, or the points are on a line.
-pub fn principal_normal(
-    region: &Region,
-    range: &RangeImage,
-) -> Result<Direction, AverageNormalError> {
+pub fn principal_normal(region: &Region, range: &RangeImage) -> Result<Direction, Error> {
     check_size(region, range)?;
     let (center, size) = (centroid(region.points()), size_of(region.points()));
     if size == 0.0 || !size.is_finite() {
-        return Err(AverageNormalError::Line);
+        return Err(no_plane());
     }
     let covariance: Matrix3<f64> = region
         .points()
@@ -138,10 +118,14 @@ pub fn principal_normal(
     order.sort_by(|&a, &b| axes.eigenvalues[a].total_cmp(&axes.eigenvalues[b]));
     let [smallest, middle, largest] = order;
     if axes.eigenvalues[middle] <= MIN_SPREAD * axes.eigenvalues[largest] {
-        return Err(AverageNormalError::Line);
+        return Err(no_plane());
     }
     let axis = axes.eigenvectors.column(smallest).into_owned();
     Ok(Direction::mean(towards_sensor(axis, region, range))?)
+}
+
+fn no_plane() -> Error {
+    Error::new("the points of the region are on a line or coincide, so there is no normal")
 }
 
 /// The minimum spread of points across a line for which they define a plane, as the square of its ratio to the spread along the line: a
@@ -149,10 +133,13 @@ pub fn principal_normal(
 /// has about 1e-2.
 const MIN_SPREAD: f64 = 1e-8;
 
-fn check_size(region: &Region, range: &RangeImage) -> Result<(), AverageNormalError> {
+fn check_size(region: &Region, range: &RangeImage) -> Result<(), Error> {
     let region = [region.width(), region.height()];
     let range = [range.width(), range.height()];
-    if region == range { Ok(()) } else { Err(AverageNormalError::Size { region, range }) }
+    if region != range {
+        bail!("the region has a grid of {region:?} cells, but the range image has {range:?}");
+    }
+    Ok(())
 }
 
 /// Returns the rectangle around the region: its width, its height, and its points, NaN outside the region.
@@ -193,6 +180,7 @@ fn towards_sensor(vector: Vector3<f64>, region: &Region, range: &RangeImage) -> 
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::DirectionError;
     use proptest::prelude::*;
 
     use super::*;
@@ -323,11 +311,17 @@ mod tests {
             Point3::new(column, column * column * 0.1, 100.0)
         });
         for weight in BOTH {
-            let error = average_normal(&region, &range, weight);
-            assert_eq!(error, Err(AverageNormalError::NoTriangle));
+            let error = average_normal(&region, &range, weight).unwrap_err();
+            assert!(error.downcast::<NoTriangleError>().is_some(), "{error}");
         }
         let normal = principal_normal(&region, &range).unwrap();
         assert!((normal.vector().into_inner() + Vector3::z()).norm() < 1e-12);
+    }
+
+    fn assert_no_plane(region: &Region, range: &RangeImage) {
+        let error = principal_normal(region, range).unwrap_err();
+        let expected = "the points of the region are on a line or coincide, so there is no normal";
+        assert_eq!(error.to_string(), expected);
     }
 
     #[test]
@@ -335,7 +329,7 @@ mod tests {
         for width in [1, 5] {
             let (region, range) =
                 full_grid(width, 1, |column, _| Point3::new(column, 0.3 * column, 9.0));
-            assert_eq!(principal_normal(&region, &range), Err(AverageNormalError::Line));
+            assert_no_plane(&region, &range);
         }
     }
 
@@ -344,7 +338,7 @@ mod tests {
         let (region, range) = full_grid(9, 9, |column: f64, row: f64| {
             Point3::new(column * 1e307, row * 1e307, 1e307)
         });
-        assert_eq!(principal_normal(&region, &range), Err(AverageNormalError::Line));
+        assert_no_plane(&region, &range);
         assert!(average_normal(&region, &range, Weight::Unit).is_err());
     }
 
@@ -352,11 +346,9 @@ mod tests {
     fn a_region_that_turns_back_on_itself_has_no_direction() {
         let (region, range) =
             full_grid(3, 2, |column: f64, row: f64| Point3::new((column - 1.0).abs(), row, 100.0));
-        let error = average_normal(&region, &range, Weight::Unit);
-        assert!(matches!(
-            error,
-            Err(AverageNormalError::Direction(DirectionError::Vanishes { .. }))
-        ));
+        let error = average_normal(&region, &range, Weight::Unit).unwrap_err();
+        let error = error.downcast::<DirectionError>();
+        assert!(matches!(error, Some(DirectionError::Vanishes { .. })), "{error:?}");
     }
 
     #[test]
@@ -366,7 +358,7 @@ mod tests {
         }
         let ((region, _), (_, range)) =
             (full_grid(3, 2, plane_point), full_grid(2, 3, plane_point));
-        let error = average_normal(&region, &range, Weight::Unit);
-        assert!(matches!(error, Err(AverageNormalError::Size { .. })));
+        let error = average_normal(&region, &range, Weight::Unit).unwrap_err().to_string();
+        assert!(error.starts_with("the region has a grid of [3, 2] cells"), "{error}");
     }
 }

@@ -1,9 +1,8 @@
 //! Extracts a labelled part of a picture as a region of the range grid.
 
-use maquette_base::linear::laplace::PoissonError;
 use maquette_image::{Connectivity, close, label};
-use maquette_node::{Context, Error, In, Node, Progress, Want};
-use maquette_value::{Labels, RangeImage, Region, RegionError};
+use maquette_node::{Context, Error, In, Node, Progress, Want, bail};
+use maquette_value::{Labels, RangeImage, Region};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -61,82 +60,6 @@ pub enum Pick {
     Label(#[schemars(range(min = 1))] u32),
     /// Part at this pixel of the picture: column, row.
     At(u32, u32),
-}
-
-/// Error of extracting a region.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum ExtractRegionError {
-    /// The labels have another size than the picture of the range image.
-    #[error(
-        "the labels have {labels:?} pixels, but the range image is registered to a picture of {picture:?}"
-    )]
-    Size {
-        /// Width and height of the labelled picture, in pixels.
-        labels: [usize; 2],
-        /// The size of the picture to which the range image is registered.
-        picture: [usize; 2],
-    },
-    /// No pixel of the picture has a label.
-    #[error("the labels are empty: check the threshold or the mask from which they were made")]
-    NoLabels,
-    /// The picture has no part with this rank or label.
-    #[error("there is no {what} {number}: the labels have {count} parts, numbered from 1")]
-    NoSuchPart {
-        /// The parameter that names the missing part: `rank` or `label`.
-        what: &'static str,
-        /// The rank or the label.
-        number: u32,
-        /// The number of labelled parts.
-        count: usize,
-    },
-    /// The pixel is outside the picture.
-    #[error("pixel ({column}, {row}) is outside the picture, which has {size:?} pixels")]
-    Outside {
-        /// The column of the pixel.
-        column: u32,
-        /// The row of the pixel.
-        row: u32,
-        /// The picture's width and height.
-        size: [usize; 2],
-    },
-    /// The pixel has no label.
-    #[error(
-        "pixel ({column}, {row}) is background: the closest part is label {label} at {nearest:?}"
-    )]
-    Background {
-        /// The column of the pixel.
-        column: u32,
-        /// The row of the pixel.
-        row: u32,
-        /// The closest pixel with a label: column, row.
-        nearest: [usize; 2],
-        /// The label of the closest pixel.
-        label: u32,
-    },
-    /// The part is too small for the range grid, or outside it.
-    #[error(
-        "label {label} has {area} pixels, but they do not cover half of any cell of the range grid"
-    )]
-    NoCell {
-        /// The label of the part.
-        label: u32,
-        /// The number of its pixels.
-        area: usize,
-    },
-    /// The part has no measured point.
-    #[error("label {label} covers {cells} cells of the range grid, but no usable one has a point")]
-    NoPoint {
-        /// The label of the part.
-        label: u32,
-        /// The number of the part's cells.
-        cells: usize,
-    },
-    /// The points of holes could not be computed.
-    #[error(transparent)]
-    Fill(#[from] PoissonError),
-    /// The extracted region is invalid.
-    #[error(transparent)]
-    Region(#[from] RegionError),
 }
 
 impl Node for ExtractRegion {
@@ -202,24 +125,30 @@ pub fn extract_region(
     pick: Pick,
     options: RegionOptions,
     progress: &Progress<'_>,
-) -> Result<Region, ExtractRegionError> {
+) -> Result<Region, Error> {
     let size = [labels.width(), labels.height()];
     let picture = range.registration().picture;
     if size != picture {
-        return Err(ExtractRegionError::Size { labels: size, picture });
+        bail!(
+            "the labels have {size:?} pixels, but the range image is registered to a picture of {picture:?}"
+        );
     }
     let number = choose(labels, pick)?;
     let covered = covered_cells(labels, number, range);
     let cells = covered.count();
     if cells == 0 {
         let area = labels.statistics()[number as usize - 1].area;
-        return Err(ExtractRegionError::NoCell { label: number, area });
+        bail!(
+            "label {number} has {area} pixels, but they do not cover half of any cell of the range grid"
+        );
     }
     let closed = close(&covered, options.close_radius);
     let filled_region = if options.enclosed { with_enclosed(&closed, range) } else { closed };
     let usable = usable_cells(&filled_region, range, options.fill);
     let pieces = label(&usable, Connectivity::Four);
-    let no_point = ExtractRegionError::NoPoint { label: number, cells };
+    let no_point = Error::new(format!(
+        "label {number} covers {cells} cells of the range grid, but no usable one has a point"
+    ));
     let &largest = pieces.by_area().first().ok_or(no_point.clone())?;
     if !pieces
         .pixels()
@@ -233,13 +162,15 @@ pub fn extract_region(
 }
 
 /// Returns the label of the part that `pick` chooses.
-fn choose(labels: &Labels, pick: Pick) -> Result<u32, ExtractRegionError> {
+fn choose(labels: &Labels, pick: Pick) -> Result<u32, Error> {
     let count = labels.statistics().len();
     if count == 0 {
-        return Err(ExtractRegionError::NoLabels);
+        return Err(no_labels());
     }
-    fn missing(what: &'static str, number: u32, count: usize) -> ExtractRegionError {
-        ExtractRegionError::NoSuchPart { what, number, count }
+    fn missing(what: &'static str, number: u32, count: usize) -> Error {
+        Error::new(format!(
+            "there is no {what} {number}: the labels have {count} parts, numbered from 1"
+        ))
     }
     fn rank(rank: u32, labels: &Labels) -> Option<u32> {
         let index = (rank as usize).checked_sub(1);
@@ -249,7 +180,7 @@ fn choose(labels: &Labels, pick: Pick) -> Result<u32, ExtractRegionError> {
         Pick::Largest => rank(1, labels).ok_or(missing("rank", 1, count)),
         Pick::Smallest => (1..=count as u32)
             .min_by_key(|label| labels.statistics()[*label as usize - 1].area)
-            .ok_or(ExtractRegionError::NoLabels),
+            .ok_or_else(no_labels),
         Pick::Rank(number) => rank(number, labels).ok_or(missing("rank", number, count)),
         Pick::Label(label) if (1..=count).contains(&(label as usize)) => Ok(label),
         Pick::Label(label) => Err(missing("label", label, count)),
@@ -257,11 +188,15 @@ fn choose(labels: &Labels, pick: Pick) -> Result<u32, ExtractRegionError> {
     }
 }
 
-fn label_at(labels: &Labels, column: u32, row: u32) -> Result<u32, ExtractRegionError> {
+fn no_labels() -> Error {
+    Error::new("the labels are empty: check the threshold or the mask from which they were made")
+}
+
+fn label_at(labels: &Labels, column: u32, row: u32) -> Result<u32, Error> {
     let at = [column as usize, row as usize];
     let size = [labels.width(), labels.height()];
     if size[0] <= at[0] || size[1] <= at[1] {
-        return Err(ExtractRegionError::Outside { column, row, size });
+        bail!("pixel ({column}, {row}) is outside the picture, which has {size:?} pixels");
     }
     let label = labels.label(at);
     if label != 0 {
@@ -276,9 +211,9 @@ fn label_at(labels: &Labels, column: u32, row: u32) -> Result<u32, ExtractRegion
             let [x, y] = [0, 1].map(|axis| position(*index, size)[axis].abs_diff(at[axis]) as u64);
             x * x + y * y
         })
-        .ok_or(ExtractRegionError::NoLabels)?;
+        .ok_or_else(no_labels)?;
     let (nearest, label) = (position(index, size), labels.pixels()[index]);
-    Err(ExtractRegionError::Background { column, row, nearest, label })
+    bail!("pixel ({column}, {row}) is background: the closest part is label {label} at {nearest:?}")
 }
 
 /// Creates the region of the cells labelled `number` in `pieces`, and computes missing points.
@@ -287,7 +222,7 @@ fn finish(
     number: u32,
     range: &RangeImage,
     progress: &Progress<'_>,
-) -> Result<Region, ExtractRegionError> {
+) -> Result<Region, Error> {
     let (width, height) = (pieces.width(), pieces.height());
     let grid: Vec<u8> = pieces.pixels().iter().map(|&piece| u8::from(piece == number)).collect();
     let cells: Vec<u32> =

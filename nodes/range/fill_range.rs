@@ -1,7 +1,7 @@
 //! Fills shadows of scans.
 
-use maquette_node::{CancelledError, Carry, Context, Error, In, Node, Progress, Transfer};
-use maquette_value::{RangeImage, SizeError};
+use maquette_node::{Carry, Context, Error, In, Node, Progress, Transfer};
+use maquette_value::RangeImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -35,17 +35,6 @@ fn default_largest() -> u32 {
     MAX_SHADOW_CELLS as u32
 }
 
-/// Error of filling a range image.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum FillRangeError {
-    /// The data columns of the range image differ in length.
-    #[error(transparent)]
-    Size(#[from] SizeError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
-}
-
 impl Node for FillRange {
     type Outputs = (RangeImage,);
     const OUTPUTS: [&'static str; 1] = ["range"];
@@ -69,7 +58,7 @@ pub fn fill_range(
     largest: usize,
     jump: f64,
     progress: &Progress<'_>,
-) -> Result<RangeImage, FillRangeError> {
+) -> Result<RangeImage, Error> {
     let (width, longest) = (range.width(), longest_edge(range, jump));
     let mut points = range.points().to_vec();
     let cells =

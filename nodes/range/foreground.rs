@@ -1,7 +1,7 @@
 //! Separates the object from the background.
 
 use maquette_image::{Channel, Connectivity, Select, close, label, level, threshold};
-use maquette_node::{Context, Error, FieldError, In, Node};
+use maquette_node::{Context, Error, FieldError, In, Node, bail};
 use maquette_value::parallel::*;
 use maquette_value::{Color, Image, Mask, RangeImage};
 use schemars::JsonSchema;
@@ -63,27 +63,6 @@ fn default_distance() -> f64 {
     12.0
 }
 
-/// Error of separating the object from the background.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ForegroundError {
-    /// A required port is not linked.
-    #[error("`by: {by}` requires the port `{port}`, which is not linked")]
-    Missing {
-        /// The value of `by`.
-        by: &'static str,
-        /// The port that must be linked.
-        port: &'static str,
-    },
-    /// The range image is registered to another picture.
-    #[error("`image` has {image:?} pixels, but `range` is registered to a picture of {picture:?}")]
-    Size {
-        /// Width and height of the picture, in pixels.
-        image: [usize; 2],
-        /// The size of the picture to which the range image is registered.
-        picture: [usize; 2],
-    },
-}
-
 impl Node for Foreground {
     type Outputs = (Mask,);
     const OUTPUTS: [&'static str; 1] = ["mask"];
@@ -95,9 +74,7 @@ impl Node for Foreground {
             ForegroundBy::Luma { .. } => ("Luma", "image", self.image.is_some()),
         };
         let help = format!("add a link, as in `{port}: \"node\"`, or use another value of `by`");
-        is_linked
-            .then_some(())
-            .ok_or_else(|| FieldError::new("by", ForegroundError::Missing { by, port }, help))
+        is_linked.then_some(()).ok_or_else(|| FieldError::new("by", missing(by, port), help))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
@@ -109,6 +86,11 @@ impl Node for Foreground {
         }
         Ok((mask,))
     }
+}
+
+/// Returns the error for a port that this value of `by` requires.
+fn missing(by: &str, port: &str) -> Error {
+    Error::new(format!("`by: {by}` requires the port `{port}`, which is not linked"))
 }
 
 /// Marks the pixels of the picture that show the object. Gaps are closed with a square of radius `close_radius`. Then, with `fill`, the
@@ -124,21 +106,23 @@ pub fn foreground(
     by: &ForegroundBy,
     fill: bool,
     close_radius: usize,
-) -> Result<Mask, ForegroundError> {
+) -> Result<Mask, Error> {
     if let (Some(range), Some(image)) = (range, image) {
         let (image, picture) = ([image.width(), image.height()], range.registration().picture);
         if image != picture {
-            return Err(ForegroundError::Size { image, picture });
+            bail!(
+                "`image` has {image:?} pixels, but `range` is registered to a picture of {picture:?}"
+            );
         }
     }
     fn clean_up(mask: Mask, close_radius: usize, fill: bool) -> Mask {
         let closed = close(&mask, close_radius);
         if fill { fill_holes(&closed) } else { closed }
     }
-    let need_image = |by| image.ok_or(ForegroundError::Missing { by, port: "image" });
+    let need_image = |by| image.ok_or_else(|| missing(by, "image"));
     match *by {
         ForegroundBy::Valid => {
-            let range = range.ok_or(ForegroundError::Missing { by: "Valid", port: "range" })?;
+            let range = range.ok_or_else(|| missing("Valid", "range"))?;
             Ok(lift(&clean_up(valid_cells(range), close_radius, fill), range))
         }
         ForegroundBy::KeyColor { color, distance } => {
@@ -305,6 +289,7 @@ mod tests {
     fn a_picture_of_another_size_is_an_error() {
         let range = scan(&["##"]);
         let error = foreground(Some(&range), Some(&picture()), &ForegroundBy::Valid, true, 0);
-        assert_eq!(error, Err(ForegroundError::Size { image: [4, 1], picture: [2, 1] }));
+        expect!["`image` has [4, 1] pixels, but `range` is registered to a picture of [2, 1]"]
+            .assert_eq(&error.unwrap_err().to_string());
     }
 }

@@ -14,22 +14,20 @@ mod read_capture;
 mod read_range;
 mod triangulate;
 
-pub use average_normal::{
-    AverageNormal, AverageNormalError, Weight, average_normal, principal_normal,
-};
+pub use average_normal::{AverageNormal, Weight, average_normal, principal_normal};
 pub use denoise::{Denoise, Denoising, denoise};
-pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, RegionOptions, extract_region};
-pub use fill_range::{FillRange, FillRangeError, fill_range};
-pub use foreground::{Foreground, ForegroundBy, ForegroundError, foreground};
+pub use extract_region::{ExtractRegion, Pick, RegionOptions, extract_region};
+pub use fill_range::{FillRange, fill_range};
+pub use foreground::{Foreground, ForegroundBy, foreground};
 pub use grid::contour::contours;
 pub use grid::grid_triangles::{GridTriangle, Half, Rays, grid_triangles};
 pub use grid::joins::{GRAZING, JUMP, Joins, longest_edge};
 pub use holes::shadows::{MAX_SHADOW_CELLS, fill_shadows, neighborhood};
 pub use maquette_base::unit::Unit;
-pub use range_file::{Axes, CameraFileError};
-pub use read_capture::{ReadCapture, ReadCaptureError, read_capture};
+pub use range_file::Axes;
+pub use read_capture::{ReadCapture, read_capture};
 pub use read_range::{ReadRange, read_range};
-pub use triangulate::{Triangulate, TriangulateError, triangulate};
+pub use triangulate::{Triangulate, triangulate};
 
 /// Nodes on range images.
 pub static PACK: Pack = Pack {

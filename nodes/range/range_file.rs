@@ -2,7 +2,7 @@
 
 use maquette_base::unit::Unit;
 use maquette_format::camera;
-use maquette_format::camera::{CameraError, CameraFile, View};
+use maquette_format::camera::{CameraFile, View};
 use maquette_format::pcd::PcdError;
 use maquette_format::range_file;
 use maquette_node::{Context, Error, FilePath};
@@ -55,31 +55,21 @@ pub(super) fn is_unknown(error: &Error) -> bool {
     error.downcast::<range_file::UnknownExtension>().is_some()
 }
 
-/// Error of a camera file.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum CameraFileError {
-    /// The camera file cannot be read.
-    #[error("the camera file cannot be read")]
-    Read(#[from] CameraError),
-    /// The camera file has no camera for the picture.
-    #[error(
-        "the camera file has no camera for the picture: add `color` with `fx`, `fy`, `cx`, `cy` beside `range`, or use `ReadRange` to read the grid alone"
-    )]
-    NoColor,
-    /// The camera file is for a picture or grid of another size.
-    #[error("the camera file is for a {what} of {expected:?}, but the file has {found:?}")]
-    Size {
-        /// The picture or the range grid.
-        what: &'static str,
-        /// Width and height in the camera file.
-        expected: [usize; 2],
-        /// Width and height in the picture or range file.
-        found: [usize; 2],
-    },
+/// The error that a camera file is for a picture or grid of another size.
+#[derive(Debug, thiserror::Error)]
+#[error("the camera file is for a {what} of {expected:?}, but the file has {found:?}")]
+pub(super) struct CameraSizeError {
+    /// The picture or the range grid.
+    what: &'static str,
+    /// Width and height in the camera file.
+    expected: [usize; 2],
+    /// Width and height in the picture or range file.
+    found: [usize; 2],
 }
 
-pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, CameraFileError> {
-    Ok(camera::read(bytes)?)
+pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, Error> {
+    camera::read(bytes)
+        .map_err(|error| Error::new(format!("the camera file cannot be read: {error}")))
 }
 
 /// Checks that the camera file describes a picture or grid of the size that was read.
@@ -87,9 +77,9 @@ pub(super) fn check_view(
     what: &'static str,
     view: &View,
     found: [usize; 2],
-) -> Result<(), CameraFileError> {
+) -> Result<(), CameraSizeError> {
     match view.size.filter(|&expected| expected != found) {
-        Some(expected) => Err(CameraFileError::Size { what, expected, found }),
+        Some(expected) => Err(CameraSizeError { what, expected, found }),
         None => Ok(()),
     }
 }

@@ -4,13 +4,12 @@ use maquette_base::unit::Unit;
 use maquette_format::camera::CameraFile;
 use maquette_format::exif;
 use maquette_format::picture_file;
-use maquette_format::picture_file::PictureError;
-use maquette_node::{Context, Error, FilePath, Node};
+use maquette_node::{Context, Error, FilePath, Node, bail};
 use maquette_value::{Image, RangeImage, Registration};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::range_file::{self, Axes, CameraFileError, CameraSource, check_view, is_unknown};
+use super::range_file::{self, Axes, CameraSource, check_view, is_unknown};
 
 /// Reads a capture: a picture and a range grid taken together.
 ///
@@ -35,11 +34,6 @@ pub struct ReadCapture {
     #[serde(default)]
     pub axes: Axes,
 }
-
-/// The picture of a capture cannot be read.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("the picture cannot be read")]
-pub struct ReadCaptureError(#[from] PictureError);
 
 impl Node for ReadCapture {
     type Outputs = (Image, RangeImage);
@@ -92,8 +86,9 @@ pub fn read_capture(
     register(image, range_file::read(range, ending, camera, unit, axes, &|_| ())?, camera)
 }
 
-fn read_picture(bytes: &[u8]) -> Result<Image, ReadCaptureError> {
-    Ok(picture_file::read(bytes)?)
+fn read_picture(bytes: &[u8]) -> Result<Image, Error> {
+    picture_file::read(bytes)
+        .map_err(|error| Error::new(format!("the picture cannot be read: {error}")))
 }
 
 /// Registers a picture and a grid that were taken together.
@@ -106,7 +101,12 @@ fn register(
     let Some(camera) = camera else {
         return Ok((image, range.with_registration(Registration::corners(grid, picture))));
     };
-    let color = camera.color.ok_or(CameraFileError::NoColor)?;
+    let Some(color) = camera.color else {
+        bail!(
+            "the camera file has no camera for the picture: add `color` with `fx`, `fy`, `cx`, `cy` beside `range`, or use `ReadRange` to \
+             read the grid alone"
+        );
+    };
     check_view("picture", &color, picture)?;
     check_view("range grid", &camera.range, grid)?;
     let range = camera.apply_to(range, Some(picture));
@@ -155,7 +155,7 @@ mod tests {
     fn a_camera_file_must_have_a_camera_for_the_picture() {
         let camera = r#"{ "range": { "fx": 20, "fy": 20, "cx": 0.75, "cy": 0.25 } }"#;
         let error = read(Some(camera), Unit::Mm).unwrap_err().to_string();
-        assert_eq!(error, CameraFileError::NoColor.to_string());
+        assert!(error.starts_with("the camera file has no camera for the picture"), "{error}");
     }
 
     #[test]

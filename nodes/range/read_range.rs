@@ -8,7 +8,7 @@ use maquette_value::{Image, RangeImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::range_file::{self, Axes, CameraFileError, CameraSource, check_view, is_unknown};
+use super::range_file::{self, Axes, CameraSizeError, CameraSource, check_view, is_unknown};
 
 /// Reads a range grid: PCD (organized), PLY with a `range_grid`, PTX, ABS of Minolta, or a depth map (16-bit PNG, or TIFF or OpenEXR of
 /// floats).
@@ -83,7 +83,7 @@ impl ReadRange {
 }
 
 fn is_size(error: &Error) -> bool {
-    matches!(error.downcast(), Some(CameraFileError::Size { .. }))
+    error.downcast::<CameraSizeError>().is_some()
 }
 
 /// Reads the grid in a range file with the extension `ending`, in mm, x right, y down, z away from the sensor, row 0 on top, and a picture

@@ -4,7 +4,7 @@
 
 use maquette_node::{Carry, Context, Error, Estimate, In, Node, Promise, Transfer};
 use maquette_value::parallel::*;
-use maquette_value::{Attribute, Faces, Mesh, MeshError, RangeError, RangeImage};
+use maquette_value::{Attribute, Faces, Mesh, RangeImage};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -49,17 +49,6 @@ fn default_grazing() -> f64 {
 
 fn default_smooth_border() -> u32 {
     20
-}
-
-/// Error of converting a range image to a mesh.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum TriangulateError {
-    /// The range image has no valid cell.
-    #[error(transparent)]
-    Range(#[from] RangeError),
-    /// The range image has too many cells for a mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
 }
 
 impl Node for Triangulate {
@@ -112,7 +101,7 @@ pub fn triangulate(
     jump: f64,
     grazing: f64,
     smooth_border: u32,
-) -> Result<Mesh, TriangulateError> {
+) -> Result<Mesh, Error> {
     let frame = range.capture_frame()?;
     let (width, height, points) = (range.width(), range.height(), range.points());
     let joins = Joins::new(range, jump, grazing);
@@ -165,7 +154,7 @@ fn with_attributes(
     range: &RangeImage,
     cells: &[usize],
     places: &[[f64; 2]],
-) -> Result<Mesh, TriangulateError> {
+) -> Result<Mesh, Error> {
     let map = range.registration();
     let uv: Vec<[f64; 2]> =
         places.par_iter().with_min_len(BLOCK).map(|&place| map.uv_from_range(place)).collect();
@@ -246,7 +235,7 @@ fn fan_of(filled: u8, wedge: u8) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use maquette_value::{Mask, Registration};
+    use maquette_value::{Mask, RangeError, Registration};
     use proptest::prelude::*;
 
     use super::*;
@@ -492,7 +481,7 @@ mod tests {
     #[test]
     fn a_range_image_without_points_is_an_error_and_one_point_makes_no_face() {
         let none = triangulate(&range_from_drawing(&["...", "..."]), 6.0, 85.0, 0);
-        assert_eq!(none, Err(TriangulateError::Range(RangeError::NoValidRange)));
+        assert_eq!(none.unwrap_err().downcast(), Some(&RangeError::NoValidRange));
         let one = plain(&range_from_drawing(&["...", ".#."]));
         assert!(one.faces().is_empty() && one.positions().is_empty());
         let coincident = RangeImage::new(2, 2, vec![Point3::new(0.0, 0.0, 5.0); 4]).unwrap();

@@ -11,14 +11,12 @@ mod angle_bending;
 mod at_limit;
 mod bending;
 mod bent_mesh;
-mod curvature_error;
 mod curvature_ramp;
 mod discrete;
 
 pub use angle_bending::{AngleBending, angle_bending};
 pub use bending::Bending;
 pub use bent_mesh::BentMesh;
-pub use curvature_error::CurvatureError;
 pub use curvature_ramp::CurvatureRamp;
 
 /// Computes the curvature of a surface at each vertex: attributes `gaussian`, `mean`, `k1` and `k2` (the larger and the smaller principal
@@ -102,7 +100,7 @@ pub fn curvature(
     scheme: Scheme,
     boundary: Boundary,
     progress: &Progress<'_>,
-) -> Result<BentMesh, CurvatureError> {
+) -> Result<BentMesh, Error> {
     if method == CurvatureMethod::Limit {
         return at_limit::at_limit(mesh, scheme, boundary, progress);
     }

@@ -1,10 +1,10 @@
 //! Fitting of a subdivision surface to scattered points.
 
 pub use fit::{FittedSubdivision, fit_subdivision};
-pub use fit_subdivision_error::FitSubdivisionError;
 use maquette_base::scattered::Scattered;
-use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer, Want};
+use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer, Want, bail};
 use maquette_value::{Mesh, Trace};
+use moves::NO_SURFACE;
 pub use moves::{Prices, fit_by_moves};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,6 @@ mod concave_corners;
 mod equations;
 mod feet;
 mod fit;
-mod fit_subdivision_error;
 mod folds;
 mod local;
 mod moves;
@@ -118,7 +117,7 @@ impl Node for FitSubdivision {
                 }
                 fit_by_moves(mesh, scan, smoothing, iterations, prices, cx.progress())?
             }
-            (Moves::ByEnergy(_), _) => return Err(FitSubdivisionError::NoSurface.into()),
+            (Moves::ByEnergy(_), _) => bail!("{NO_SURFACE}"),
         };
         if 0 < fitted.left_out {
             let (count, all) = (fitted.left_out, points.len());

@@ -1,10 +1,9 @@
 //! Finds the control mesh of a subdivision surface through given vertices.
 
 use maquette_node::{
-    CancelledError, Carry, Context, Error, Estimate, FieldError, In, LimitError, Node, Progress,
-    Promise, Transfer, Want,
+    Carry, Context, Error, Estimate, FieldError, In, Node, Progress, Promise, Transfer, Want, bail,
 };
-use maquette_value::{Attribute, Mesh, MeshError, Trace};
+use maquette_value::{Attribute, Mesh, Trace};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,12 +14,12 @@ use super::solve::blocks::limit_matrix;
 use super::solve::control_points::control_points;
 use super::solve::extent::stray;
 use super::solve::geometric::FootSearch;
-use super::solve::interpolation::{Direction, Foot, Interpolation, NonlinearError, Solver};
+use super::solve::interpolation::{Direction, Foot, Interpolation, Solver};
 use super::solve::least_squares::least_squares;
 use super::solve::limit_matrix::PRODUCTS;
-use super::solve::solution::{DivergenceError, End, InterpolationResult, Solution};
+use super::solve::solution::{End, InterpolationResult, Solution};
 use super::surface::limit_feet::{ClosestFeet, vertex_feet};
-use super::{Boundary, Corners, Creases, Plan, Scheme, SubdivideError, Subdivision};
+use super::{Boundary, Corners, Creases, Plan, Scheme, Subdivision};
 
 /// Finds the control mesh whose subdivision surface passes through the vertices of a mesh.
 ///
@@ -58,53 +57,6 @@ pub enum OnSingular {
     LeastSquares,
     /// Refines the mesh once, so that there are enough control points, and moves them as little as possible.
     RefineOnce,
-}
-
-/// Reasons why no control mesh can be computed for a mesh.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InterpolateError {
-    /// The solver does not support the foot (the point with which a given point is compared) or the direction.
-    #[error(transparent)]
-    NotLinear(#[from] NonlinearError),
-    /// The scheme cannot refine the mesh.
-    #[error(transparent)]
-    Subdivide(#[from] SubdivideError),
-    /// The mesh has border faces, which the surface lacks with `boundary: None`.
-    #[error(
-        "with `boundary: None` the surface ends before the border and cannot pass through the vertices there"
-    )]
-    NoBorder,
-    /// No surface with this connectivity passes through all vertices.
-    #[error(
-        "no control mesh of this connectivity has a surface through all vertices: a distance of {residual:.3e} mm remains at vertex {vertex}, a pattern \
-         that vanishes in the limit; move vertices, or use `on_singular: RefineOnce` or `LeastSquares`"
-    )]
-    NotInterpolable {
-        /// The largest remaining distance, in mm.
-        residual: f64,
-        /// The vertex with the largest distance.
-        vertex: usize,
-        /// The remaining offset at each vertex, in mm.
-        mode: Vec<[f64; 3]>,
-    },
-    /// The attribute named by `fixed` does not exist.
-    #[error("the mesh has no vertex attribute `{name}` of flags")]
-    Fixed {
-        /// The name of the attribute.
-        name: String,
-    },
-    /// The equations would need too much memory and time.
-    #[error(transparent)]
-    TooMuch(#[from] LimitError),
-    /// A control point became infinite.
-    #[error("the iteration diverged: {0}")]
-    Mesh(#[from] MeshError),
-    /// The iteration diverged.
-    #[error(transparent)]
-    Diverged(#[from] DivergenceError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
 }
 
 /// Options of the interpolation.
@@ -165,21 +117,20 @@ impl Node for Interpolate {
         let mesh = cx.get(&self.mesh);
         let fixed = fixed_vertices(mesh, &self.fixed)?;
         let (scheme, options) = (self.scheme, &self.options);
-        let found =
-            interpolate_with::<Error>(mesh, scheme, options, &fixed, cx.progress(), |topology| {
-                cx.memo(topology, LimitPositions::memo)
-            })?;
+        let found = interpolate_with(mesh, scheme, options, &fixed, cx.progress(), |topology| {
+            cx.memo(topology, LimitPositions::memo)
+        })?;
         Ok(found.outputs(cx, "surface"))
     }
 }
 
-fn fixed_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, InterpolateError> {
+fn fixed_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, Error> {
     if name.is_empty() {
         return Ok(Vec::new());
     }
     match mesh.vertex().get(name) {
         Some(Attribute::Flag(flags)) => Ok(flags.iter().map(|&flag| flag == 1).collect()),
-        _ => Err(InterpolateError::Fixed { name: name.to_owned() }),
+        _ => bail!("the mesh has no vertex attribute `{name}` of flags"),
     }
 }
 
@@ -203,24 +154,24 @@ pub fn interpolate(
     options: &InterpolateOptions,
     fixed: &[bool],
     progress: &Progress<'_>,
-) -> Result<InterpolationResult<Mesh>, InterpolateError> {
-    interpolate_with(mesh, scheme, options, fixed, progress, |topology| {
-        LimitPositions::new(topology).map_err(InterpolateError::from)
-    })
+) -> Result<InterpolationResult<Mesh>, Error> {
+    interpolate_with(mesh, scheme, options, fixed, progress, LimitPositions::new)
 }
 
 /// Performs [`interpolate`]; `limit` computes (or looks up) the limit masks.
-fn interpolate_with<E: From<InterpolateError>>(
+fn interpolate_with(
     mesh: &Mesh,
     scheme: Scheme,
     options: &InterpolateOptions,
     fixed: &[bool],
     progress: &Progress<'_>,
-    limit: impl Fn(&Topology) -> Result<LimitPositions, E>,
-) -> Result<InterpolationResult<Mesh>, E> {
-    options.how.check().map_err(InterpolateError::from)?;
+    limit: impl Fn(&Topology) -> Result<LimitPositions, Error>,
+) -> Result<InterpolationResult<Mesh>, Error> {
+    options.how.check()?;
     if options.boundary == Boundary::None {
-        return Err(InterpolateError::NoBorder.into());
+        bail!(
+            "with `boundary: None` the surface ends before the border and cannot pass through the vertices there"
+        );
     }
     let subdivision = Subdivision {
         scheme,
@@ -235,16 +186,13 @@ fn interpolate_with<E: From<InterpolateError>>(
     let limits = limit(&Topology::from_mesh(mesh, subdivision))?;
     if solver_options.solver == Solver::Direct {
         let products = limits.positions.products();
-        PRODUCTS
-            .check("solving for the control points by factors", products)
-            .map_err(InterpolateError::from)?;
+        PRODUCTS.check("solving for the control points by factors", products)?;
     }
     let matrix = || limit_matrix(&limits, mesh.faces(), fixed);
     let sample = |control: &[Point3<f64>]| sample(mesh, subdivision, control);
     let solved = match solver_options.foot {
         Foot::Closest => {
-            let feet = ClosestFeet::new(mesh, subdivision, &limits.positions);
-            let mut feet = feet.map_err(InterpolateError::from)?;
+            let mut feet = ClosestFeet::new(mesh, subdivision, &limits.positions)?;
             control_points(
                 points,
                 solver_options,
@@ -257,8 +205,7 @@ fn interpolate_with<E: From<InterpolateError>>(
         }
         Foot::Vertex => {
             let normals = solver_options.direction == Direction::Normal;
-            let facing = normals.then(|| Limit::new(&limits.topology)).transpose();
-            let facing = facing.map_err(InterpolateError::from)?;
+            let facing = normals.then(|| Limit::new(&limits.topology)).transpose()?;
             let rows = &limits.positions;
             control_points(
                 points,
@@ -273,18 +220,16 @@ fn interpolate_with<E: From<InterpolateError>>(
             )
         }
     };
-    let solved = solved.map_err(InterpolateError::from)?;
-    let mut solution = match solved.filter(|solution| !solution.unreachable) {
+    let mut solution = match solved?.filter(|solution| !solution.unreachable) {
         Some(solution) => solution,
         None if options.on_singular == OnSingular::RefineOnce && !scheme.is_dual() => {
             return refined_once(mesh, subdivision, solver_options, progress, limit);
         }
         None => {
             let nearest =
-                least_squares(&limits.positions, points, points, fixed, solver_options, progress);
-            let nearest = nearest.map_err(InterpolateError::from)?;
+                least_squares(&limits.positions, points, points, fixed, solver_options, progress)?;
             if options.on_singular != OnSingular::LeastSquares && nearest.unreachable {
-                return Err(not_interpolable(&limits, points, &nearest).into());
+                return Err(not_interpolable(&limits, points, &nearest));
             }
             nearest
         }
@@ -293,11 +238,9 @@ fn interpolate_with<E: From<InterpolateError>>(
         && let Some(stray) = stray(&solution.outcome.control, points, sample)
     {
         let last = solution.outcome.trace.steps().last().map_or(0, |step| step.iteration as u32);
-        solution.outcome.end = End::Diverged(DivergenceError::from_stray(last, stray));
+        solution.outcome.end = End::strayed(last, stray);
     }
-    let found = solution
-        .outcome
-        .try_map(|control| mesh.with_positions(control).map_err(InterpolateError::from))?;
+    let found = solution.outcome.try_map(|control| mesh.with_positions(control))?;
     Ok(InterpolationResult { shape: found.shape.without_attribute("normal"), ..found })
 }
 
@@ -313,21 +256,15 @@ fn sample(
     Some(plan.apply(&control).ok()?.positions().to_vec())
 }
 
-fn not_interpolable(
-    limits: &LimitPositions,
-    points: &[Point3<f64>],
-    solution: &Solution,
-) -> InterpolateError {
+fn not_interpolable(limits: &LimitPositions, points: &[Point3<f64>], solution: &Solution) -> Error {
     let surface = limits.positions.apply(&solution.outcome.control);
-    let left = points.iter().zip(&surface).map(|(point, surface)| (point - surface).into());
-    let mode: Vec<[f64; 3]> = left.collect();
-    let worst = mode
-        .iter()
-        .map(|[x, y, z]| (x * x + y * y + z * z).sqrt())
-        .enumerate()
-        .max_by(|a, b| a.1.total_cmp(&b.1));
+    let distances = points.iter().zip(&surface).map(|(point, surface)| (point - surface).norm());
+    let worst = distances.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
     let (vertex, residual) = worst.unwrap_or_default();
-    InterpolateError::NotInterpolable { residual, vertex, mode }
+    Error::new(format!(
+        "no control mesh of this connectivity has a surface through all vertices: a distance of {residual:.3e} mm remains at vertex {vertex}, a pattern \
+         that vanishes in the limit; move vertices, or use `on_singular: RefineOnce` or `LeastSquares`"
+    ))
 }
 
 /// Computes the control mesh, refined once, whose limit surface passes through the vertices of `mesh`, with the smallest change of the
@@ -335,21 +272,20 @@ fn not_interpolable(
 ///
 /// The refined mesh has many more control points than there are vertices to interpolate, so that there is a solution even if the mesh
 /// itself has none.
-fn refined_once<E: From<InterpolateError>>(
+fn refined_once(
     mesh: &Mesh,
     subdivision: Subdivision,
     options: &Interpolation,
     progress: &Progress<'_>,
-    limit: impl Fn(&Topology) -> Result<LimitPositions, E>,
-) -> Result<InterpolationResult<Mesh>, E> {
+    limit: impl Fn(&Topology) -> Result<LimitPositions, Error>,
+) -> Result<InterpolationResult<Mesh>, Error> {
     let plan = Plan::new(mesh, Subdivision { levels: 1, ..subdivision });
-    let refined = plan.and_then(|plan| plan.apply(mesh)).map_err(InterpolateError::from)?;
+    let refined = plan.and_then(|plan| plan.apply(mesh))?;
     let limits = limit(&Topology::from_mesh(&refined, subdivision))?;
     let old = limits.positions.head(mesh.positions().len());
     let solution =
-        least_squares(&old, refined.positions(), mesh.positions(), &[], options, progress);
-    let found = solution.map_err(InterpolateError::from)?.outcome;
-    Ok(found.try_map(|control| refined.with_positions(control).map_err(InterpolateError::from))?)
+        least_squares(&old, refined.positions(), mesh.positions(), &[], options, progress)?;
+    solution.outcome.try_map(|control| refined.with_positions(control))
 }
 
 #[cfg(test)]

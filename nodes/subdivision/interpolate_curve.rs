@@ -1,7 +1,7 @@
 //! Finds the control points of a smooth curve through given points.
 
-use maquette_node::{CancelledError, Context, Error, FieldError, In, Node, Progress};
-use maquette_value::{Curve, CurveError, KnotVectorError, Trace};
+use maquette_node::{Context, Error, FieldError, In, Node, Progress, bail};
+use maquette_value::{Curve, Trace};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -10,9 +10,9 @@ use super::curve_basis::CurveBasis;
 use super::solve::control_curve::ControlCurve;
 use super::solve::control_points::control_points;
 use super::solve::geometric::{FootPoint, FootSearch, Perpendicular};
-use super::solve::interpolation::{Foot, Interpolation, NonlinearError};
+use super::solve::interpolation::{Foot, Interpolation};
 use super::solve::limit_matrix::LimitMatrix;
-use super::solve::solution::{DivergenceError, InterpolationResult};
+use super::solve::solution::InterpolationResult;
 
 /// Finds the control points of a smooth curve through given points.
 ///
@@ -30,32 +30,6 @@ pub struct InterpolateCurve {
     /// Options of the solver.
     #[serde(flatten)]
     pub how: Interpolation,
-}
-
-/// Reasons why no curve passes through the points of a polyline.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InterpolateCurveError {
-    /// The input is a B-spline. Only the points of a polyline are interpolated.
-    #[error("the curve is a B-spline; only the points of a polyline are interpolated")]
-    Spline,
-    /// The solver does not support the foot (the point with which a given point is compared) or the direction.
-    #[error(transparent)]
-    NotLinear(#[from] NonlinearError),
-    /// The points are too few for the degree, or two points coincide.
-    #[error(transparent)]
-    Knots(#[from] KnotVectorError),
-    /// The system of equations is singular.
-    #[error("the points do not determine the curve: some coincide")]
-    Singular,
-    /// A control point became infinite.
-    #[error("the iteration diverged: {0}")]
-    Curve(#[from] CurveError),
-    /// The iteration diverged.
-    #[error(transparent)]
-    Diverged(#[from] DivergenceError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
 }
 
 impl Node for InterpolateCurve {
@@ -87,9 +61,9 @@ pub fn interpolate_curve(
     basis: CurveBasis,
     options: &Interpolation,
     progress: &Progress<'_>,
-) -> Result<InterpolationResult<Curve>, InterpolateCurveError> {
+) -> Result<InterpolationResult<Curve>, Error> {
     if curve.knots().is_some() {
-        return Err(InterpolateCurveError::Spline);
+        bail!("the curve is a B-spline; only the points of a polyline are interpolated");
     }
     options.check()?;
     let points = curve.points();
@@ -106,10 +80,12 @@ pub fn interpolate_curve(
         |control| Some(family.curve(control).ok()?.sample(pieces)),
         || matrix(&family, basis, points.len(), curve.is_closed()),
     )?;
-    let found = solution.ok_or(InterpolateCurveError::Singular)?.outcome;
+    let found = solution
+        .ok_or_else(|| Error::new("the points do not determine the curve: some coincide"))?
+        .outcome;
     found.try_map(|control| match basis {
-        CurveBasis::BSpline(_) => Ok(family.curve(&control)?),
-        _ => Ok(curve.with_points(control)?),
+        CurveBasis::BSpline(_) => family.curve(&control),
+        _ => curve.with_points(control),
     })
 }
 

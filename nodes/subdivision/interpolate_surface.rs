@@ -2,21 +2,18 @@
 
 use maquette_base::linear::stencils::Stencils;
 use maquette_base::parameters::parameters;
-use maquette_node::{CancelledError, Context, Error, FieldError, In, Node, Progress};
+use maquette_node::{Context, Error, FieldError, In, Node, Progress};
 use maquette_value::parallel::*;
-use maquette_value::{
-    ControlNet, ControlNetError, KnotVector, KnotVectorError, ParameterDirection, Surface,
-    SurfaceError, Trace,
-};
+use maquette_value::{ControlNet, KnotVector, KnotVectorError, ParameterDirection, Surface, Trace};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::solve::control_points::control_points;
 use super::solve::geometric::{FootPoint, FootSearch, Perpendicular};
-use super::solve::interpolation::{Foot, Interpolation, NonlinearError};
+use super::solve::interpolation::{Foot, Interpolation};
 use super::solve::limit_matrix::LimitMatrix;
-use super::solve::solution::{DivergenceError, InterpolationResult};
+use super::solve::solution::InterpolationResult;
 
 /// Finds the control net of a B-spline surface through a grid of points.
 ///
@@ -40,32 +37,6 @@ pub struct InterpolateSurface {
 
 fn default_order() -> [usize; 2] {
     [4, 4]
-}
-
-/// Reasons why no B-spline surface passes through the points of a net.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InterpolateSurfaceError {
-    /// The solver does not support the foot (the point with which a given point is compared) or the direction.
-    #[error(transparent)]
-    NotLinear(#[from] NonlinearError),
-    /// The points are too few for the order, or two points coincide.
-    #[error(transparent)]
-    Knots(#[from] KnotVectorError),
-    /// The system of equations is singular.
-    #[error("the points do not determine the surface: some coincide")]
-    Singular,
-    /// A control point became infinite.
-    #[error("the iteration diverged: {0}")]
-    Net(#[from] ControlNetError),
-    /// The computed surface is invalid.
-    #[error(transparent)]
-    Surface(#[from] SurfaceError),
-    /// The iteration diverged.
-    #[error(transparent)]
-    Diverged(#[from] DivergenceError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
 }
 
 impl Node for InterpolateSurface {
@@ -102,7 +73,7 @@ pub fn interpolate_surface(
     order: [usize; 2],
     options: &Interpolation,
     progress: &Progress<'_>,
-) -> Result<InterpolationResult<Surface>, InterpolateSurfaceError> {
+) -> Result<InterpolationResult<Surface>, Error> {
     options.check()?;
     let surfaces = NetSurfaces::new(net, order)?;
     let mut feet = Feet::new(&surfaces, net.points(), options.foot);
@@ -119,7 +90,7 @@ pub fn interpolate_surface(
         },
     )?;
     solution
-        .ok_or(InterpolateSurfaceError::Singular)?
+        .ok_or_else(|| Error::new("the points do not determine the surface: some coincide"))?
         .outcome
         .try_map(|control| surfaces.surface(control))
 }
@@ -150,7 +121,7 @@ impl<'a> NetSurfaces<'a> {
         })
     }
 
-    fn surface(&self, control: Vec<Point3<f64>>) -> Result<Surface, InterpolateSurfaceError> {
+    fn surface(&self, control: Vec<Point3<f64>>) -> Result<Surface, Error> {
         let net = ControlNet::new(self.net.rows(), self.net.columns(), control)?;
         let [u, v] = self.knots.clone();
         Ok(Surface::new(net.with_frame(self.net.frame().copied()), u, v)?)
@@ -371,17 +342,12 @@ mod tests {
 
     #[test]
     fn coincident_points_and_too_few_points_are_errors() {
-        fn interpolate_error(
-            net: &ControlNet,
-            order: [usize; 2],
-        ) -> Result<InterpolationResult<Surface>, InterpolateSurfaceError> {
-            interpolate_surface(net, order, &Interpolation::default(), &Progress::silent())
+        fn interpolate(net: &ControlNet) -> Result<InterpolationResult<Surface>, Error> {
+            interpolate_surface(net, [4, 4], &Interpolation::default(), &Progress::silent())
         }
-        assert!(matches!(
-            interpolate_error(&waves(3, 5), [4, 4]),
-            Err(InterpolateSurfaceError::Knots(KnotVectorError::TooFew { .. }))
-        ));
+        let error = interpolate(&waves(3, 5)).unwrap_err();
+        assert!(matches!(error.downcast(), Some(KnotVectorError::TooFew { .. })), "{error}");
         let flat = ControlNet::new(5, 5, vec![Point3::origin(); 25]).unwrap();
-        assert!(interpolate_error(&flat, [4, 4]).is_ok(), "one point is a surface of one point");
+        assert!(interpolate(&flat).is_ok(), "one point is a surface of one point");
     }
 }

@@ -26,7 +26,6 @@ mod simplify;
 mod solve;
 mod subdivide;
 mod subdivide_curve;
-mod subdivide_error;
 mod surface;
 
 pub use boundary::Boundary;
@@ -34,30 +33,28 @@ pub use corners::Corners;
 pub use crease::Crease;
 pub use creases::Creases;
 pub use curvature::{
-    AngleBending, Bending, BentMesh, Curvature, CurvatureError, CurvatureMethod, CurvatureRamp,
-    angle_bending, curvature,
+    AngleBending, Bending, BentMesh, Curvature, CurvatureMethod, CurvatureRamp, angle_bending,
+    curvature,
 };
 pub use curve_basis::CurveBasis;
 pub use fit_subdivision::{
-    FitSubdivision, FitSubdivisionError, FittedSubdivision, Moves, Prices, fit_by_moves,
-    fit_subdivision,
+    FitSubdivision, FittedSubdivision, Moves, Prices, fit_by_moves, fit_subdivision,
 };
-pub use interpolate::{Interpolate, InterpolateError, InterpolateOptions, OnSingular, interpolate};
-pub use interpolate_curve::{InterpolateCurve, InterpolateCurveError, interpolate_curve};
-pub use interpolate_surface::{InterpolateSurface, InterpolateSurfaceError, interpolate_surface};
+pub use interpolate::{Interpolate, InterpolateOptions, OnSingular, interpolate};
+pub use interpolate_curve::{InterpolateCurve, interpolate_curve};
+pub use interpolate_surface::{InterpolateSurface, interpolate_surface};
 pub use maquette_base::scattered::Scattered;
 pub use options::Subdivision;
-pub use read_creases::{ReadCreases, ReadCreasesError, read_creases};
+pub use read_creases::{ReadCreases, read_creases};
 pub use refine::moving_vertices::MovingVertices;
 pub use refine::plan::Plan;
 pub use scheme::Scheme;
 pub use sharp_edges::crease;
-pub use simplify::{Simplify, SimplifyError, simplify};
-pub use solve::interpolation::{Direction, Foot, Interpolation, NonlinearError, Norm, Solver};
-pub use solve::solution::{DivergenceError, InterpolationResult};
+pub use simplify::{Simplify, simplify};
+pub use solve::interpolation::{Direction, Foot, Interpolation, Norm, Solver};
+pub use solve::solution::InterpolationResult;
 pub use subdivide::{Subdivide, subdivide};
-pub use subdivide_curve::{CurveScheme, SubdivideCurve, SubdivideCurveError, subdivide_curve};
-pub use subdivide_error::SubdivideError;
+pub use subdivide_curve::{CurveScheme, SubdivideCurve, subdivide_curve};
 pub use surface::limit_point::LimitPoint;
 pub use surface::limit_surface::LimitSurface;
 

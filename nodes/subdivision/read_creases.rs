@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use maquette_node::{Carry, Context, Error, FilePath, In, Node, Promise, Transfer};
+use maquette_node::{Carry, Context, Error, FilePath, In, Node, Promise, Transfer, bail};
 use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -19,28 +19,6 @@ pub struct ReadCreases {
     pub mesh: In<Mesh>,
     /// JSON file.
     pub path: FilePath,
-}
-
-/// Reasons why creases cannot be read.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum ReadCreasesError {
-    /// The file is not valid JSON of the expected form.
-    #[error("expected a list of creases: {0}")]
-    Json(String),
-    /// There is no edge between the two vertices.
-    #[error("there is no edge between the vertices {} and {}", ends[0], ends[1])]
-    NoEdge {
-        /// The two vertices that the file names.
-        ends: [u32; 2],
-    },
-    /// An edge in the file has a negative sharpness.
-    #[error("the edge between the vertices {} and {} has the sharpness {sharpness}, expected at least 0", ends[0], ends[1])]
-    Sharpness {
-        /// The vertices of the edge.
-        ends: [u32; 2],
-        /// The negative sharpness in the file.
-        sharpness: f64,
-    },
 }
 
 #[derive(Deserialize)]
@@ -79,18 +57,20 @@ impl Node for ReadCreases {
 ///
 /// # Errors
 /// If the bytes are not a list of creases, or a listed edge does not exist in the mesh.
-pub fn read_creases(mesh: &Mesh, bytes: &[u8]) -> Result<Mesh, ReadCreasesError> {
-    let file: File =
-        serde_json::from_slice(bytes).map_err(|error| ReadCreasesError::Json(error.to_string()))?;
+pub fn read_creases(mesh: &Mesh, bytes: &[u8]) -> Result<Mesh, Error> {
+    let file: File = serde_json::from_slice(bytes)
+        .map_err(|error| Error::new(format!("expected a list of creases: {error}")))?;
     let edges: BTreeSet<[u32; 2]> = mesh.edges().vertices.into_iter().collect();
     let groups = file.groups.into_iter().flat_map(|group| group.edges);
     let creases: Vec<Edge> = file.edges.into_iter().chain(groups).collect();
     for &Edge { v: [a, b], sharpness } in &creases {
         if !edges.contains(&[a.min(b), a.max(b)]) {
-            return Err(ReadCreasesError::NoEdge { ends: [a, b] });
+            bail!("there is no edge between the vertices {a} and {b}");
         }
         if !sharpness.is_finite() || sharpness < 0.0 {
-            return Err(ReadCreasesError::Sharpness { ends: [a, b], sharpness });
+            bail!(
+                "the edge between the vertices {a} and {b} has the sharpness {sharpness}, expected at least 0"
+            );
         }
     }
     Ok(merge_creases(mesh, creases.iter().map(|edge| (edge.v, edge.sharpness)), |_, new| new))
@@ -104,7 +84,7 @@ mod tests {
 
     use super::*;
 
-    fn read(json: &str) -> Result<Mesh, ReadCreasesError> {
+    fn read(json: &str) -> Result<Mesh, Error> {
         let mesh =
             Mesh::new(vec![Point3::origin(); 4], Faces::triangles(vec![[0, 1, 2], [2, 1, 3]]));
         read_creases(&mesh.unwrap().with_creases([([0, 1], 7.0)]).unwrap(), json.as_bytes())

@@ -3,7 +3,7 @@
 use std::collections::BinaryHeap;
 
 use maquette_node::{CancelledError, Carry, Context, Error, In, Node, Progress, Promise, Transfer};
-use maquette_value::{Mesh, MeshError};
+use maquette_value::Mesh;
 use net::{Collapse, Net};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -29,17 +29,6 @@ pub struct Simplify {
     /// creases.
     #[serde(default)]
     pub faces: usize,
-}
-
-/// Reasons why a mesh cannot be simplified.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum SimplifyError {
-    /// A position of the simplified mesh became infinite.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
 }
 
 impl Node for Simplify {
@@ -84,11 +73,7 @@ impl Node for Simplify {
 ///
 /// # Errors
 /// If the evaluation is cancelled.
-pub fn simplify(
-    mesh: &Mesh,
-    target: usize,
-    progress: &Progress<'_>,
-) -> Result<Mesh, SimplifyError> {
+pub fn simplify(mesh: &Mesh, target: usize, progress: &Progress<'_>) -> Result<Mesh, Error> {
     let mut collapsing = Simplifier::new(mesh, progress)?;
     let begin = collapsing.net.n_faces;
     let mut done = 0usize;

@@ -15,7 +15,6 @@ use super::refine::manifold::manifold;
 use super::refine::plan::{EndLimit, Plan, PreviousStep, bytes};
 use super::refine::step::{LastLimit, Step};
 use super::scheme::Scheme;
-use super::subdivide_error::SubdivideError;
 
 /// Refines a mesh towards a smooth surface.
 ///
@@ -178,7 +177,7 @@ const PLANNING: f64 = 0.7;
 ///
 /// # Errors
 /// If the scheme cannot refine a face, the mesh is not manifold, or the result would be too large.
-pub fn subdivide(mesh: &Mesh, options: Subdivision) -> Result<Mesh, SubdivideError> {
+pub fn subdivide(mesh: &Mesh, options: Subdivision) -> Result<Mesh, Error> {
     Plan::new(mesh, options)?.apply(mesh)
 }
 

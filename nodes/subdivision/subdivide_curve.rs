@@ -1,7 +1,7 @@
 //! Refines a polyline towards a smooth curve.
 
-use maquette_node::{Context, Error, Estimate, In, Limit, LimitError, Node};
-use maquette_value::{Curve, CurveError};
+use maquette_node::{Context, Error, Estimate, In, Limit, Node, bail};
+use maquette_value::Curve;
 use nalgebra::{Point3, center};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -34,20 +34,6 @@ pub enum CurveScheme {
     Cubic,
 }
 
-/// Reasons why a curve cannot be refined.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum SubdivideCurveError {
-    /// The curve is a B-spline.
-    #[error("the curve is a B-spline and smooth already; only polylines are refined")]
-    Spline,
-    /// The result would be too large.
-    #[error(transparent)]
-    TooMuch(#[from] LimitError),
-    /// A point of the refined curve became infinite.
-    #[error(transparent)]
-    Curve(#[from] CurveError),
-}
-
 /// The maximum number of points in a result, which need about 100 MB.
 const POINTS: Limit = Limit { max: 1 << 22, items: "points", help: "choose fewer `levels`" };
 
@@ -74,13 +60,9 @@ impl Node for SubdivideCurve {
 ///
 /// # Errors
 /// If the curve is a B-spline or the result would be too large.
-pub fn subdivide_curve(
-    curve: &Curve,
-    scheme: CurveScheme,
-    levels: u32,
-) -> Result<Curve, SubdivideCurveError> {
+pub fn subdivide_curve(curve: &Curve, scheme: CurveScheme, levels: u32) -> Result<Curve, Error> {
     if curve.knots().is_some() {
-        return Err(SubdivideCurveError::Spline);
+        bail!("the curve is a B-spline and smooth already; only polylines are refined");
     }
     let need = points_after(curve, levels);
     POINTS.check(format_args!("a curve of {levels} levels more"), need)?;
@@ -178,9 +160,8 @@ mod tests {
         assert!(subdivide_curve(&ring, CurveScheme::Cubic, u32::MAX).is_err());
         let knots = maquette_value::KnotVector::uniform(3, 3).unwrap();
         let spline = Curve::rational(ring.points().to_vec(), vec![1.0; 3], knots).unwrap();
-        assert_eq!(
-            subdivide_curve(&spline, CurveScheme::Cubic, 1),
-            Err(SubdivideCurveError::Spline)
-        );
+        let error = subdivide_curve(&spline, CurveScheme::Cubic, 1).unwrap_err();
+        let expected = "the curve is a B-spline and smooth already; only polylines are refined";
+        assert_eq!(error.to_string(), expected);
     }
 }

@@ -4,26 +4,9 @@
 //! part of a grid, and a sequence of coarser grids for a large part, where otherwise the number of steps would grow with the width of the
 //! part. Sums are computed in index order, so the result is the same for any number of threads.
 
-use maquette_node::{CancelledError, Progress};
-use thiserror::Error;
+use maquette_node::{Error, Progress, bail};
 
 use super::multigrid::{Grid, Multigrid, NONE};
-
-/// Reasons why a Poisson equation cannot be solved.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum PoissonError {
-    /// The iteration did not converge.
-    #[error("the Poisson equation was not solved: residual {residual:e} after {iterations} steps")]
-    NotConverged {
-        /// The norm of the residual.
-        residual: f64,
-        /// The number of steps that were performed.
-        iterations: usize,
-    },
-    /// The evaluation was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] CancelledError),
-}
 
 /// The maximum residual of a solution, relative to the right side. It is well above the rounding errors (1e-16 times the condition number,
 /// which is about 1e4 for a part of 100 x 100 cells) and far below the resolution of a scan.
@@ -49,7 +32,7 @@ pub fn solve(
     load: f64,
     values: &mut [f64],
     progress: &Progress<'_>,
-) -> Result<(), PoissonError> {
+) -> Result<(), Error> {
     assert_eq!([free.len(), values.len()], [width * height; 2], "one entry per cell");
     let system = System::new(width, height, free, load, values);
     let coarser =
@@ -157,7 +140,7 @@ impl System {
         &self,
         precondition: impl Fn(&[f64]) -> Vec<f64>,
         progress: &Progress<'_>,
-    ) -> Result<Vec<f64>, PoissonError> {
+    ) -> Result<Vec<f64>, Error> {
         let n = self.cells.len();
         fn dot(a: &[f64], b: &[f64]) -> f64 {
             a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>()
@@ -190,7 +173,10 @@ impl System {
         if dot(&r, &r) <= goal {
             return Ok(x);
         }
-        Err(PoissonError::NotConverged { residual: dot(&r, &r).sqrt(), iterations: max_iterations })
+        let residual = dot(&r, &r).sqrt();
+        bail!(
+            "the Poisson equation was not solved: residual {residual:e} after {max_iterations} steps"
+        )
     }
 }
 

@@ -15,7 +15,6 @@ use super::pull::{
     DeformOptions, column, deformation, deformed_field, make_report, prepare_handles,
 };
 use super::report::Report;
-use crate::FfdError;
 use crate::gaussian::deformation::{Base, Deformation};
 use crate::gaussian::field::{CHUNK_SIZE, FieldRequest, evaluate_field};
 use crate::gaussian::layout::{Layout, PreparedHandles};
@@ -69,20 +68,20 @@ impl Drag {
         dragged: &[usize],
         mode: Mode,
         options: DeformOptions,
-    ) -> Result<Self, FfdError> {
+    ) -> Result<Self, Error> {
         Self::with_memo(object, handles, dragged, mode, options, System::new, FieldInputs::make)
     }
 
     /// Like [`Drag::new`], but computes the linear system with `system` and the fields with `keep`; both functions may cache their results.
-    pub(crate) fn with_memo<E: From<FfdError>>(
+    pub(crate) fn with_memo(
         object: &Movable,
         handles: &Handles,
         dragged: &[usize],
         mode: Mode,
         options: DeformOptions,
-        system: impl FnOnce(&Layout) -> Result<System, E>,
-        keep: impl Fn(&FieldInputs) -> Result<FieldValues, E>,
-    ) -> Result<Self, E> {
+        system: impl FnOnce(&Layout) -> Result<System, Error>,
+        keep: impl Fn(&FieldInputs) -> Result<FieldValues, Error>,
+    ) -> Result<Self, Error> {
         let origin = (Point3::origin(), Point3::origin());
         let frame = options.frame.or_else(|| bounds(object)).unwrap_or(origin);
         let prepared = prepare_handles(handles, frame, mode, options)?;
@@ -121,7 +120,7 @@ impl Drag {
         &self,
         targets: &[(usize, Point3<f64>)],
         progress: &Progress<'_>,
-    ) -> Result<(Movable, Report), FfdError> {
+    ) -> Result<(Movable, Report), Error> {
         let now =
             self.prepared.clone().with_targets(targets, |index| self.dragged.contains(&index))?;
         if now.is_at_rest() {
@@ -189,7 +188,7 @@ impl PreparedHandles {
         mut self,
         targets: &[(usize, Point3<f64>)],
         may_change: impl Fn(usize) -> bool,
-    ) -> Result<Self, FfdError> {
+    ) -> Result<Self, Error> {
         for &(handle, to) in targets {
             let index = self.layout_index(handle)?;
             if may_change(index) {
@@ -200,19 +199,26 @@ impl PreparedHandles {
     }
 
     /// Returns the index of a handle in the layout.
-    fn layout_index(&self, handle: usize) -> Result<usize, FfdError> {
+    fn layout_index(&self, handle: usize) -> Result<usize, Error> {
         let handles = self.layout_indices.len();
-        self.layout_indices.get(handle).copied().ok_or(FfdError::NoHandle { handle, handles })
+        self.layout_indices.get(handle).copied().ok_or_else(|| missing_handle(handle, handles))
     }
+}
+
+/// Returns the error for a target of a handle that does not exist. `handles` is the number of handles.
+pub(crate) fn missing_handle(handle: usize, handles: usize) -> Error {
+    Error::new(format!(
+        "there is no handle {handle} for a target: there are {handles} handles, numbered from 0"
+    ))
 }
 
 /// Computes the fields of a group, for the cache.
 pub(crate) fn memo(inputs: &FieldInputs) -> Result<FieldValues, Error> {
-    Ok(inputs.make()?)
+    inputs.make()
 }
 
 impl FieldInputs {
-    fn make(&self) -> Result<FieldValues, FfdError> {
+    fn make(&self) -> Result<FieldValues, Error> {
         let system = System::new(&self.prepared.layout)?;
         let deformation = match &self.group {
             None => deformation(&self.prepared, &system),

@@ -1,12 +1,12 @@
 //! Conversion of deformable objects to points and back.
 
 use maquette_mesh::Movable;
+use maquette_node::{Error, bail};
 use maquette_value::parallel::*;
 use maquette_value::simd::{Kernel, widest};
 use maquette_value::{Attribute, Mesh, Points};
 use nalgebra::{Point3, Vector3};
 
-use crate::FfdError;
 use crate::gaussian::field::{Field, FieldRequest, scatter_rows, transform_normal};
 use crate::gaussian::layout::Bounds;
 
@@ -106,7 +106,7 @@ pub(crate) fn field_request(object: &Movable) -> FieldRequest<'_> {
 }
 
 /// Returns the object with its points moved.
-pub(crate) fn rebuild(object: &Movable, field: Field) -> Result<Movable, FfdError> {
+pub(crate) fn rebuild(object: &Movable, field: Field) -> Result<Movable, Error> {
     let field = match object {
         Movable::Mesh(_) => field,
         _ => field.expand(points(object), field_request(object).normals),
@@ -122,7 +122,7 @@ pub(crate) fn rebuild(object: &Movable, field: Field) -> Result<Movable, FfdErro
                     !old.x.is_nan() && !new.coords.iter().all(|x| x.is_finite())
                 })
             {
-                return Err(FfdError::NotFinite { cell });
+                bail!("the deformed point of cell {cell} is not finite");
             }
             Movable::RangeImage(range.with_points(field.positions)?)
         }
@@ -140,7 +140,7 @@ pub(crate) fn rebuild(object: &Movable, field: Field) -> Result<Movable, FfdErro
     })
 }
 
-fn mesh_of(mesh: &Mesh, field: Field) -> Result<Mesh, FfdError> {
+fn mesh_of(mesh: &Mesh, field: Field) -> Result<Mesh, Error> {
     let given = mesh.vertex().vectors("normal");
     let (moved, normals) = match &field.rows {
         Some(rows) => {
@@ -167,7 +167,7 @@ fn mesh_of(mesh: &Mesh, field: Field) -> Result<Mesh, FfdError> {
     Ok(moved)
 }
 
-fn points_of(points: &Points, field: Field) -> Result<Points, FfdError> {
+fn points_of(points: &Points, field: Field) -> Result<Points, Error> {
     let mut moved = points.with_positions(field.positions)?;
     if !field.normals.is_empty() {
         moved = moved.with_attribute("normal", Attribute::Vector(field.normals.into()))?;

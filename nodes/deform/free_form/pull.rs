@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use maquette_mesh::Movable;
-use maquette_node::{CancelledError, Progress};
+use maquette_node::{CancelledError, Error, Progress, bail};
 use maquette_value::{Column, Handles};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
@@ -12,7 +12,6 @@ use serde::{Deserialize, Serialize};
 use super::object::{bounds, field_request, points, rebuild};
 use super::reach::{Boxes, gather_rows};
 use super::report::Report;
-use crate::ffd_error::FfdError;
 use crate::gaussian::cells::Cells;
 use crate::gaussian::deformation::{Base, Deformation};
 use crate::gaussian::field::{CHUNK_SIZE, Field, FieldRequest, evaluate_field};
@@ -62,7 +61,7 @@ pub fn ffd(
     mode: Mode,
     options: DeformOptions,
     progress: &Progress<'_>,
-) -> Result<(Movable, Report), FfdError> {
+) -> Result<(Movable, Report), Error> {
     let Some(frame) = options.frame.or_else(|| bounds(object)) else {
         return Ok((object.clone(), Report::UNCHANGED));
     };
@@ -84,23 +83,23 @@ pub(crate) fn prepare_handles(
     frame: Bounds,
     mode: Mode,
     options: DeformOptions,
-) -> Result<PreparedHandles, FfdError> {
+) -> Result<PreparedHandles, Error> {
     if !(0.0..1.0).contains(&options.accuracy) {
-        return Err(FfdError::Accuracy { accuracy: options.accuracy });
+        bail!("`accuracy` is {}, but it must be 0 or more and less than 1", options.accuracy);
     }
     prepare(handles, frame, mode, options.background, options.regularize)
 }
 
 /// Deforms an object with a linear system computed by `system`. If the effect of the handles [is limited](DeformOptions::is_limited),
 /// `boxes` are the bounding boxes of the rows of points.
-pub(crate) fn deform_prepared<E: From<FfdError>>(
+pub(crate) fn deform_prepared(
     object: &Movable,
     prepared: &PreparedHandles,
     options: DeformOptions,
     boxes: Option<&Boxes>,
-    system: impl FnOnce(&Layout) -> Result<System, E>,
+    system: impl FnOnce(&Layout) -> Result<System, Error>,
     progress: &Progress<'_>,
-) -> Result<(Movable, Report), E> {
+) -> Result<(Movable, Report), Error> {
     if prepared.is_at_rest() {
         let merged = prepared.merged.clone();
         return Ok((object.clone(), Report { merged, ..Report::UNCHANGED }));
@@ -114,8 +113,7 @@ pub(crate) fn deform_prepared<E: From<FfdError>>(
     let field = match reached {
         Some(rows) => reached_field(&deformation, points, rows, request, error, progress),
         None => deformed_field(&deformation, points, request, error, progress),
-    };
-    let field = field.map_err(FfdError::from)?;
+    }?;
     let report = make_report(prepared, &system, &deformation, &field);
     Ok((rebuild(object, field)?, report))
 }

@@ -1,11 +1,12 @@
 //! Prepares handles: converts them to mm, chooses their deviations, and merges handles at the same position.
 
+use maquette_node::{Error, bail};
 use maquette_value::Memo;
 use maquette_value::{Encoder, Handle, HandleSpace, Handles};
 use nalgebra::{Point3, Vector3};
 
 use super::gaussians::Gaussians;
-use crate::{FfdError, Mode};
+use crate::Mode;
 
 /// The minimum and maximum corner of a box.
 pub type Bounds = (Point3<f64>, Point3<f64>);
@@ -62,17 +63,17 @@ pub(crate) fn prepare(
     mode: Mode,
     background: f64,
     regularize: f64,
-) -> Result<PreparedHandles, FfdError> {
+) -> Result<PreparedHandles, Error> {
     if !(0.0..f64::INFINITY).contains(&background)
         || (background > 0.0 && mode != Mode::Displacement)
     {
-        return Err(FfdError::Background { background });
+        return Err(wrong_background(background));
     }
     if !(0.0..f64::INFINITY).contains(&regularize) {
-        return Err(FfdError::Regularize { regularize });
+        bail!("`regularize` is {regularize}, but it must be 0 or more");
     }
     if handles.len() > MAX_HANDLES {
-        return Err(FfdError::TooMany { handles: handles.len(), max: MAX_HANDLES });
+        bail!("expected at most {MAX_HANDLES} handles, found {}", handles.len());
     }
     let diagonal = (bounds.1 - bounds.0).norm();
     let (all, to) = choose_deviations(handles, bounds, mode)?;
@@ -102,7 +103,10 @@ pub(crate) fn prepare(
         });
         if let Some(twin) = twin {
             if (to - prepared.targets[twin]).norm() > SAME_TARGET * diagonal {
-                return Err(FfdError::Conflicting { first: originals[twin], second: index });
+                bail!(
+                    "handles {} and {index} have the same position but different targets",
+                    originals[twin]
+                );
             }
             prepared.merged.push([index, originals[twin]]);
             prepared.layout_indices.push(twin);
@@ -118,13 +122,20 @@ pub(crate) fn prepare(
     Ok(prepared)
 }
 
+/// Returns the error for a background that is not valid, or that the mode does not support.
+pub(crate) fn wrong_background(background: f64) -> Error {
+    Error::new(format!(
+        "`background` is {background}, but it must be 0 or more, and 0 unless `mode` is `Displacement`"
+    ))
+}
+
 /// Returns the handles in mm with all deviations, and their targets. Omitted deviations are 0.75 of the mean distance to the three nearest
 /// handles, measured with the box scaled to a unit cube; in the absolute form they are the sides of the box.
 pub(crate) fn choose_deviations(
     handles: &Handles,
     bounds: Bounds,
     mode: Mode,
-) -> Result<(Layout, Vec<Point3<f64>>), FfdError> {
+) -> Result<(Layout, Vec<Point3<f64>>), Error> {
     let world = handles.in_world(bounds)?;
     let unit = Handle { at: [0.0; 3], to: None, sigma: Some([1.0; 3]), weight: 1.0 };
     let sides = Handles::new(HandleSpace::Box, &[unit])?.in_world(bounds)?.sigma()[0];

@@ -4,14 +4,14 @@
 //! axis.
 
 use maquette_base::linear::lu::Lu;
-use maquette_node::Error;
+use maquette_node::{Error, bail};
 use maquette_value::Encoder;
 use maquette_value::Memo;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::deformation::Affine;
 use super::layout::Layout;
-use crate::{FfdError, Mode};
+use crate::Mode;
 
 /// The factored system of a layout.
 ///
@@ -65,7 +65,7 @@ impl System {
     ///
     /// # Errors
     /// Returns an error if the system is singular.
-    pub(crate) fn new(layout: &Layout) -> Result<Self, FfdError> {
+    pub(crate) fn new(layout: &Layout) -> Result<Self, Error> {
         let n = layout.positions.len();
         let polynomial = match layout.mode {
             Mode::Affine => Polynomial::from_points(&layout.positions),
@@ -98,14 +98,17 @@ impl System {
         let condition = lu.condition();
         let max_condition = if regularized { f64::MAX } else { MAX_CONDITION };
         if condition > max_condition {
-            return Err(FfdError::Singular { condition });
+            bail!(
+                "the handles cannot all reach their targets: the condition number is {condition:.1e}; use smaller deviations, fewer \
+                 handles or `regularize`"
+            );
         }
         Ok(Self { lu, handles: n, regularized, polynomial })
     }
 
     /// Like [`System::new`], but for the cache.
     pub(crate) fn memo(layout: &Layout) -> Result<Self, Error> {
-        Ok(Self::new(layout)?)
+        Self::new(layout)
     }
 
     /// Returns the estimated condition number in the 1-norm.

@@ -1,6 +1,7 @@
 //! Tests of the modes of a deformation: invariants, targets and reproduced motions.
 
 use super::*;
+use maquette_node::Error;
 
 #[test]
 fn handles_meet_their_targets_in_every_form() {
@@ -188,10 +189,9 @@ fn coincident_handles_are_merged_or_rejected() {
     let (_, report) = try_move(&[near], &handles, options_in_unit(Mode::Displacement)).unwrap();
     assert_eq!(report.merged, [[8, 0]]);
     handles[8].to = Some([0.0, 0.0, 0.1]);
-    assert_eq!(
-        try_move(&[near], &handles, options_in_unit(Mode::Displacement)).unwrap_err(),
-        FfdError::Conflicting { first: 0, second: 8 }
-    );
+    let error = try_move(&[near], &handles, options_in_unit(Mode::Displacement)).unwrap_err();
+    let conflicting = "handles 0 and 8 have the same position but different targets";
+    assert_eq!(error.to_string(), conflicting);
 }
 
 #[test]
@@ -201,7 +201,8 @@ fn regularization_solves_singular_systems_and_reports_the_residual() {
     handles.push(handle(Point3::new(1e-5, 0.0, 0.0), Point3::new(0.0, 0.1, 0.0), [4.0; 3]));
     let points = Random(10).points(100);
     let singular = try_move(&points, &handles, options_in_unit(Mode::Displacement));
-    assert!(matches!(singular, Err(FfdError::Singular { .. })), "{singular:?}");
+    let singular = singular.unwrap_err().to_string();
+    assert!(singular.starts_with("the handles cannot all reach their targets"), "{singular}");
     let with = |regularize: f64| {
         try_move(&points, &handles, (Mode::Displacement, DeformOptions { regularize, ..in_unit() }))
             .unwrap()
@@ -267,12 +268,13 @@ fn a_wider_ninth_handle_moves_more_points() {
 #[test]
 fn only_displacements_have_a_background_and_numbers_are_checked() {
     let base = in_unit();
-    fn check(mode: Mode, options: DeformOptions) -> Result<(), FfdError> {
+    fn check(mode: Mode, options: DeformOptions) -> Result<(), Error> {
         try_move(&[Point3::origin()], &corners([1.0; 3]), (mode, options)).map(|_| ())
     }
     for mode in [Mode::Absolute, Mode::Affine] {
         let wrong = DeformOptions { background: 0.1, ..base };
-        assert_eq!(check(mode, wrong), Err(FfdError::Background { background: 0.1 }));
+        let error = check(mode, wrong).unwrap_err().to_string();
+        assert!(error.starts_with("`background` is 0.1, but it must be 0 or more"), "{error}");
     }
     let mode = Mode::Displacement;
     assert!(check(mode, DeformOptions { background: -1.0, ..base }).is_err());
@@ -280,7 +282,7 @@ fn only_displacements_have_a_background_and_numbers_are_checked() {
     assert!(check(mode, DeformOptions { accuracy: 1.0, ..base }).is_err());
     let many = vec![corners([1.0; 3])[0]; 2001];
     let error = try_move(&[Point3::origin()], &many, (mode, base)).unwrap_err();
-    assert_eq!(error, FfdError::TooMany { handles: 2001, max: 2000 });
+    assert_eq!(error.to_string(), "expected at most 2000 handles, found 2001");
 }
 
 #[test]

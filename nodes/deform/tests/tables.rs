@@ -75,7 +75,8 @@ fn a_handle_near_another_has_the_condition_of_the_table() {
     }
     let error = try_move(&[Point3::origin()], &twin(1e-6), options_in_unit(Mode::Displacement))
         .unwrap_err();
-    assert!(matches!(error, FfdError::Singular { condition } if condition > 1e12), "{error}");
+    let error = error.to_string();
+    assert!(error.starts_with("the handles cannot all reach their targets"), "{error}");
 }
 
 #[test]

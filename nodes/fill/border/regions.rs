@@ -1,5 +1,6 @@
 //! Cuts damaged data out of a mesh.
 
+use maquette_node::{Error, bail};
 use maquette_value::{Attribute, Faces, Mesh, MeshError};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -33,19 +34,11 @@ pub enum HoleRegion {
     },
 }
 
-/// Error for a vertex attribute that does not exist or is not a flag or number.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("the mesh has no vertex attribute `{0}` of flags or numbers")]
-pub struct MissingMarks(pub String);
-
 /// Returns, for each vertex, whether it is in the region.
 ///
 /// # Errors
 /// Returns an error if the region names an attribute that the mesh does not have as a flag or number.
-pub(crate) fn vertices_in_region(
-    mesh: &Mesh,
-    region: &HoleRegion,
-) -> Result<Vec<bool>, MissingMarks> {
+pub(crate) fn vertices_in_region(mesh: &Mesh, region: &HoleRegion) -> Result<Vec<bool>, Error> {
     let points = mesh.positions().iter();
     Ok(match region {
         HoleRegion::Ball { at, radius } => {
@@ -63,12 +56,12 @@ pub(crate) fn vertices_in_region(
 ///
 /// # Errors
 /// Returns an error if the mesh has no flag or number with this name per vertex.
-pub(crate) fn marked_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, MissingMarks> {
+pub(crate) fn marked_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, Error> {
     Ok(match mesh.vertex().get(name) {
         Some(Attribute::Flag(flags)) => flags.iter().map(|&flag| flag != 0).collect(),
         Some(Attribute::Index(numbers)) => numbers.iter().map(|&number| number != 0).collect(),
         Some(Attribute::Number(numbers)) => numbers.iter().map(|&number| number != 0.0).collect(),
-        _ => return Err(MissingMarks(name.to_owned())),
+        _ => bail!("the mesh has no vertex attribute `{name}` of flags or numbers"),
     })
 }
 

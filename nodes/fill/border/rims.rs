@@ -1,5 +1,7 @@
 //! Finds the rims of a mesh: its border, cut into loops that visit no vertex twice.
 
+use std::fmt::{self, Display, Formatter};
+
 use maquette_base::topology::lists::Lists;
 use maquette_value::parallel::*;
 use maquette_value::{Faces, Mesh};
@@ -12,6 +14,14 @@ use crate::triangles::triangulation::{NONE, next, previous};
 pub(crate) struct NotManifold {
     pub(crate) edges: Vec<[u32; 2]>,
     pub(crate) vertices: Vec<u32>,
+}
+
+impl Display for NotManifold {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let edges = self.edges.iter().map(|[a, b]| format!("edge {a}-{b}"));
+        let vertices = self.vertices.iter().map(|vertex| format!("vertex {vertex}"));
+        f.write_str(&edges.chain(vertices).collect::<Vec<_>>().join(", "))
+    }
 }
 
 /// Maximum number of edges or vertices listed in an error message.

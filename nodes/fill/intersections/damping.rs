@@ -1,10 +1,9 @@
 //! Reduces the displacements of a completion where the completed surface intersects itself or the data.
 
-use maquette_node::Progress;
+use maquette_node::{Error, Progress};
 use nalgebra::Point3;
 
 use super::detect::Intersections;
-use crate::fill_error::FillError;
 use crate::triangles::filling::Filling;
 
 /// Number of rounds that halve displacements, followed by the same number of rounds that set displacements to 0.
@@ -22,7 +21,7 @@ pub(crate) fn damp_displacements(
     start: &[Point3<f64>],
     intersections: &mut Intersections,
     progress: &Progress<'_>,
-) -> Result<(), FillError> {
+) -> Result<(), Error> {
     let data = filling.n_data_vertices;
     let completed = filling.points[data..].to_vec();
     let mut factors = vec![1.0; completed.len()];

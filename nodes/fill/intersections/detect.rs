@@ -1,12 +1,11 @@
 //! Finds intersections of filled triangles with each other and with the data, using exact predicates.
 
-use maquette_node::{Limit, Progress};
+use maquette_node::{Error, Limit, Progress};
 use maquette_value::parallel::*;
 use nalgebra::Point3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
 use super::boxes::{Bounds, BoxedTriangle, Boxes, Triangle};
-use crate::fill_error::FillError;
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::area_vector;
 
@@ -44,7 +43,7 @@ impl Intersections {
     ///
     /// # Errors
     /// Returns an error if there would be too many pairs to test, or if the evaluation is cancelled.
-    pub(crate) fn new(filling: &Filling, progress: &Progress<'_>) -> Result<Self, FillError> {
+    pub(crate) fn new(filling: &Filling, progress: &Progress<'_>) -> Result<Self, Error> {
         let mut intersections = Self {
             data: Boxes::default(),
             bounds: Bounds::EMPTY,
@@ -64,7 +63,7 @@ impl Intersections {
         filling: &Filling,
         changed: impl Fn(u32) -> bool + Sync,
         progress: &Progress<'_>,
-    ) -> Result<(), FillError> {
+    ) -> Result<(), Error> {
         let first = filling.n_data_faces as u32;
         let faces = first..filling.faces.len() as u32;
         let filled: Vec<Triangle> = faces.map(|face| Triangle::new(filling, face)).collect();
@@ -88,7 +87,7 @@ impl Intersections {
                 }
                 Ok(pairs)
             })
-            .collect::<Result<_, FillError>>()?;
+            .collect::<Result<_, Error>>()?;
         self.pairs.extend(found.into_iter().flatten());
         self.pairs.sort_unstable();
         Ok(())

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use maquette_node::{CancelledError, Progress};
+use maquette_node::{CancelledError, Error, Progress};
 use maquette_value::parallel::*;
 
 use super::boxes::Triangle;
@@ -10,7 +10,6 @@ use super::detect::Intersections;
 use super::repair::{Obstacles, repair};
 use crate::border::holes::Components;
 use crate::border::rim::{OneRings, Rim};
-use crate::fill_error::FillError;
 use crate::plain::hole_fill::{Fallback, HoleFill};
 use crate::plain::options::{PlainMethod, PlainOptions};
 use crate::plain::plain_fill::fill_hole;
@@ -43,7 +42,7 @@ impl HoleFills<'_> {
         &mut self,
         options: PlainOptions,
         progress: &Progress<'_>,
-    ) -> Result<(), FillError> {
+    ) -> Result<(), Error> {
         let others: &[Option<PlainMethod>] = match options.method {
             PlainMethod::CreaseAware | PlainMethod::PlateOrCreases => &[
                 None,
@@ -90,7 +89,7 @@ impl HoleFills<'_> {
         method: Option<PlainMethod>,
         options: PlainOptions,
         progress: &Progress<'_>,
-    ) -> Result<(), FillError> {
+    ) -> Result<(), Error> {
         let (before, begins) = (self.counts(), self.begins());
         let mut others = holes
             .par_iter()
@@ -103,7 +102,7 @@ impl HoleFills<'_> {
                 let own = begins[hole]..begins[hole + 1];
                 Ok((hole, self.other_fill(hole, own, method, options, progress)?))
             })
-            .collect::<Result<Vec<_>, FillError>>()?;
+            .collect::<Result<Vec<_>, Error>>()?;
         self.exchange(&mut others, progress)?;
         let after = self.counts();
         others.retain(|(hole, _)| before[*hole] <= after[*hole]);
@@ -119,7 +118,7 @@ impl HoleFills<'_> {
         method: Option<PlainMethod>,
         options: PlainOptions,
         progress: &Progress<'_>,
-    ) -> Result<HoleFill, FillError> {
+    ) -> Result<HoleFill, Error> {
         let rim = Rim::new(self.filling, self.one_rings, &self.holes[hole]);
         let mut fill = self.fills[hole].clone();
         if let Some(method) = method {
@@ -143,7 +142,7 @@ impl HoleFills<'_> {
         &mut self,
         others: &mut [(usize, HoleFill)],
         progress: &Progress<'_>,
-    ) -> Result<(), FillError> {
+    ) -> Result<(), Error> {
         if others.is_empty() {
             return Ok(());
         }

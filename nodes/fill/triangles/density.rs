@@ -4,8 +4,9 @@
 //! opposite to them add up to more than 180 degrees.
 
 use std::collections::VecDeque;
+use std::fmt::Display;
 
-use maquette_node::{CancelledError, Limit, Progress};
+use maquette_node::{CancelledError, Error, Limit, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::triangulation::{NONE, Triangulation, area_vector, cotangent, next, previous};
@@ -45,6 +46,16 @@ pub(crate) enum RefineError {
     Cancelled,
     /// The fill would have about this number of triangles.
     TooMany(f64),
+}
+
+impl RefineError {
+    /// Returns the error of the node. `what` names the fill that would have too many triangles.
+    pub(crate) fn error(self, what: impl Display) -> Error {
+        match self {
+            Self::Cancelled => CancelledError.into(),
+            Self::TooMany(need) => TRIANGLES.error(what, need).into(),
+        }
+    }
 }
 
 impl From<CancelledError> for RefineError {

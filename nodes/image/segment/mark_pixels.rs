@@ -1,11 +1,12 @@
 //! Marks the pixels of a picture by their color.
 
+use maquette_node::Error;
 use maquette_value::memory::huge_vec;
 use maquette_value::parallel::*;
 use maquette_value::{Image, Mask};
 
 use super::select::{Select, measure};
-use crate::picture_error::{PictureError, check_size};
+use crate::checks::check_size;
 
 /// Marks the pixels of `image`, inside `within` if given, that `select` accepts; with `invert` all other pixels.
 ///
@@ -15,8 +16,8 @@ pub fn threshold(
     within: Option<&Mask>,
     select: &Select,
     invert: bool,
-) -> Result<Mask, PictureError> {
-    check_size(image, within)?;
+) -> Result<Mask, Error> {
+    check_size([image.width(), image.height()], within)?;
     let (measure, limit) = measure(image, within, select)?;
     let mut marks = huge_vec(image.pixels().len());
     let chunks = marks.par_chunks_mut(CHUNK).zip(image.pixels().par_chunks(CHUNK));

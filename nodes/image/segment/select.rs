@@ -1,11 +1,12 @@
 //! Selection rules of a threshold, and the distance of pixels from the selection.
 
+use maquette_node::Error;
 use maquette_value::{Color, Image, Lab, Mask, Rgb};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::otsu::otsu;
-use crate::picture_error::{PictureError, check_inside};
+use crate::checks::check_inside;
 
 /// Rule that selects pixels.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -104,7 +105,7 @@ pub(crate) fn measure(
     image: &Image,
     within: Option<&Mask>,
     select: &Select,
-) -> Result<(Measure, f32), PictureError> {
+) -> Result<(Measure, f32), Error> {
     fn color_measure(color: Color, distance: f64, lightness: f64) -> (Measure, f32) {
         (Measure::Color { color: color.lab(), lightness: lightness as f32 }, distance as f32)
     }

@@ -266,24 +266,30 @@ fn surfaces_that_do_not_belong_to_the_range_are_refused() {
         region: &Region,
         surface: &Surface,
         resample: [usize; 2],
-    ) -> BlendError {
+    ) -> String {
         blend(range, region, surface, BlendMode::Replace, resample, &Progress::silent())
             .unwrap_err()
+            .to_string()
     }
     let free = value::ControlNet::new(3, 3, vec![Point3::origin(); 9]).unwrap();
     let free = nurbs(&free, None, None, None).unwrap();
-    assert_eq!(error(&range, &disk, &free, [1, 1]), BlendError::NoChart);
+    let no_chart =
+        "the surface was not made from a region: the positions of cells on it are unknown";
+    assert_eq!(error(&range, &disk, &free, [1, 1]), no_chart);
     let all = region(&range, |_, _| true);
-    let not_there = BlendError::NotOnSurface { column: 0, row: 0 };
+    let not_there =
+        "cell (0, 0) of the region is not on the surface, which was made from another region";
     assert_eq!(error(&range, &all, &fitting, [1, 1]), not_there);
     let other = self::range(5, 5, |_, _| 0.0);
-    assert!(matches!(error(&other, &disk, &fitting, [1, 1]), BlendError::Grid { .. }));
+    let grid = error(&other, &disk, &fitting, [1, 1]);
+    assert!(grid.ends_with("cells, the range image has [5, 5]"), "{grid}");
     for factors in [[0, 1], [1, 0]] {
-        assert_eq!(error(&range, &disk, &fitting, factors), BlendError::Resample { factors });
+        let resample = format!("cells cannot be divided by {factors:?}: the factors are 1 or more");
+        assert_eq!(error(&range, &disk, &fitting, factors), resample);
     }
     for factors in [[1 << 15, 1 << 15], [usize::MAX, 2]] {
         let error = error(&range, &disk, &fitting, factors);
-        assert!(matches!(error, BlendError::TooMuch(_)), "{error}");
+        assert!(error.contains("would need about"), "{error}");
     }
 }
 

@@ -1,14 +1,13 @@
 //! The control points of a fitted surface, one direction after the other, and its residuals.
 
 use maquette_base::parameters::{parameters, uniform_parameters};
-use maquette_node::{CancelledError, Progress};
+use maquette_node::{CancelledError, Error, Progress, bail};
 use maquette_value as value;
 use maquette_value::parallel::*;
 use maquette_value::{KnotVector, ParameterDirection, Surface, Trace, TraceStep};
 use nalgebra::{Point3, Vector3};
 
 use super::fit_line::{FittedLine, LineFit, Residual};
-use crate::fit_error::FitError;
 use crate::fit_method::FitMethod;
 use crate::fit_parameters::FitParameters;
 
@@ -26,14 +25,16 @@ impl Direction {
         counts: [usize; 2],
         method: FitMethod,
         kind: FitParameters,
-    ) -> Result<Self, FitError> {
+    ) -> Result<Self, Error> {
         let (points, order, count) = match along {
             ParameterDirection::U => (net.rows(), order[0], counts[0]),
             ParameterDirection::V => (net.columns(), order[1], counts[1]),
         };
         let control = if count == 0 { points } else { count };
         if points < control || control < order || control < 2 {
-            return Err(FitError::Count { along, control, points, order });
+            bail!(
+                "{control} control points along {along:?} do not fit: there are {points} points, and order {order} needs {order} of both"
+            );
         }
         let parameters = match kind {
             FitParameters::Uniform => uniform_parameters(points),
@@ -53,7 +54,14 @@ impl Direction {
             _ if control == points => LineFit::interpolate(knots, &parameters),
             _ => LineFit::least_squares(knots, &parameters),
         };
-        Ok(Self { fit: fit.ok_or(FitError::Singular { along })?, parameters })
+        Ok(Self {
+            fit: fit.ok_or_else(|| {
+                Error::new(format!(
+                    "the points along {along:?} do not determine the surface: some coincide"
+                ))
+            })?,
+            parameters,
+        })
     }
 
     /// Returns the net coordinate on the fitted surface that corresponds to the position `a` among the points.
@@ -131,7 +139,7 @@ pub(crate) fn trace(
     surface: &Surface,
     u: &Direction,
     v: &Direction,
-) -> Result<Trace, FitError> {
+) -> Result<Trace, Error> {
     let met = surface.grid(&u.parameters, &v.parameters);
     let missed =
         net.points().iter().zip(met).map(|(point, met)| Residual::of_distance(&(point - met)));

@@ -1,10 +1,10 @@
 //! The cells to which a surface is written.
 
+use maquette_node::{Error, bail};
 use maquette_value::{Chart, RangeImage, Region, Surface};
 use nalgebra::Point3;
 
 use super::distance::from_border;
-use crate::blend_error::BlendError;
 use crate::blend_mode::BlendMode;
 
 /// The cells to which a surface is written, and their old points.
@@ -38,13 +38,20 @@ impl Canvas {
         region: &Region,
         surface: &Surface,
         mode: BlendMode,
-    ) -> Result<Self, BlendError> {
+    ) -> Result<Self, Error> {
         let (width, height) = (range.width(), range.height());
-        let chart = surface.net().chart().ok_or(BlendError::NoChart)?;
+        let Some(chart) = surface.net().chart() else {
+            bail!(
+                "the surface was not made from a region: the positions of cells on it are unknown"
+            );
+        };
         let grids =
             [("the region", [region.width(), region.height()]), ("the surface", chart.grid)];
         if let Some(&(what, size)) = grids.iter().find(|(_, size)| *size != [width, height]) {
-            return Err(BlendError::Grid { what, size, range: [width, height] });
+            bail!(
+                "{what} is for a grid of {size:?} cells, the range image has {:?}",
+                [width, height]
+            );
         }
         let mut points = range.points().to_vec();
         for (&cell, &point) in region.cells().iter().zip(region.points()) {
@@ -62,12 +69,14 @@ impl Canvas {
             .zip(depths)
             .map(|(&cell, depth): (&u32, f64)| match place(chart, cell) {
                 Some(coordinate) => Ok(Target { cell: cell as usize, coordinate, depth }),
-                None => Err(BlendError::NotOnSurface {
-                    column: cell as usize % width,
-                    row: cell as usize / width,
-                }),
+                None => {
+                    let (column, row) = (cell as usize % width, cell as usize / width);
+                    bail!(
+                        "cell ({column}, {row}) of the region is not on the surface, which was made from another region"
+                    )
+                }
             })
-            .collect::<Result<_, _>>()?;
+            .collect::<Result<_, Error>>()?;
         Ok(Self { width, height, points, targets })
     }
 }

@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 
-use maquette_base::linear::laplace::{self, PoissonError};
-use maquette_node::Progress;
+use maquette_base::linear::laplace;
+use maquette_node::{Error, Progress};
 use maquette_value::{RangeImage, Region};
 use nalgebra::Point3;
 
@@ -32,7 +32,7 @@ impl GridWindow {
         range: &RangeImage,
         padding: usize,
         progress: &Progress<'_>,
-    ) -> Result<Self, PoissonError> {
+    ) -> Result<Self, Error> {
         let width = range.width();
         let (low, high) = region.bounds();
         let [left, top] = low.map(|low| low.saturating_sub(padding));
@@ -48,10 +48,7 @@ impl GridWindow {
 
     /// Returns the rectangle around a region; the cells outside of the region are extrapolated from it. Where the region ends at a step in
     /// depth, the background therefore does not influence the points between its cells.
-    pub(crate) fn around_region(
-        region: &Region,
-        progress: &Progress<'_>,
-    ) -> Result<Self, PoissonError> {
+    pub(crate) fn around_region(region: &Region, progress: &Progress<'_>) -> Result<Self, Error> {
         let (low, high) = region.bounds();
         let ([left, top], width) = (low, region.width());
         let (rows, columns) = (high[1] - top + 1, high[0] - left + 1);
@@ -60,7 +57,7 @@ impl GridWindow {
     }
 
     /// Returns the window with the points of the region, and with missing points filled in.
-    fn fill(self, region: &Region, progress: &Progress<'_>) -> Result<Self, PoissonError> {
+    fn fill(self, region: &Region, progress: &Progress<'_>) -> Result<Self, Error> {
         let (rows, columns) = (self.rows, self.columns);
         let mut window = Self { inside: vec![0; rows * columns], ..self };
         for (&cell, &point) in region.cells().iter().zip(region.points()) {
@@ -103,7 +100,7 @@ pub(crate) fn place_region<'a>(
     region: &'a Region,
     range: &RangeImage,
     progress: &Progress<'_>,
-) -> Result<Cow<'a, Region>, PoissonError> {
+) -> Result<Cow<'a, Region>, Error> {
     fn now(cell: u32, range: &RangeImage) -> Option<Point3<f64>> {
         range.point(cell as usize)
     }
@@ -147,7 +144,7 @@ fn fill(
     rows: usize,
     columns: usize,
     progress: &Progress<'_>,
-) -> Result<(), PoissonError> {
+) -> Result<(), Error> {
     let free: Vec<u8> = points.iter().map(|point| u8::from(point.x.is_nan())).collect();
     if !free.contains(&1) {
         return Ok(());

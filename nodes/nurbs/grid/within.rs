@@ -1,34 +1,18 @@
 //! Selects the points of a net that are in a part of the range grid.
 
+use maquette_node::{Error, bail};
 use maquette_value as value;
 use maquette_value::Region;
 
-/// Reasons why a region selects no points of a net.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum WithinError {
-    /// The net was not made from a range grid.
-    #[error("`region` needs a net that was made from a region")]
-    NoChart,
-    /// The region belongs to another grid.
-    #[error("the region is part of a grid of {region:?} cells, the net of one of {net:?}")]
-    Size {
-        /// The size of the region's grid.
-        region: [usize; 2],
-        /// The size of the net's range grid.
-        net: [usize; 2],
-    },
-}
-
 /// Returns a flag for each point of the net: 1 if its cell is in `region`, else 0. The cell of a point is the cell whose net coordinate is
 /// nearest. A fixed point has a cell only if no other point is nearer to that cell.
-pub(crate) fn points_in_region(
-    net: &value::ControlNet,
-    region: &Region,
-) -> Result<Vec<u8>, WithinError> {
-    let chart = net.chart().ok_or(WithinError::NoChart)?;
+pub(crate) fn points_in_region(net: &value::ControlNet, region: &Region) -> Result<Vec<u8>, Error> {
+    let chart = net
+        .chart()
+        .ok_or_else(|| Error::new("`region` needs a net that was made from a region"))?;
     let grid = [region.width(), region.height()];
     if grid != chart.grid {
-        return Err(WithinError::Size { region: grid, net: chart.grid });
+        bail!("the region is part of a grid of {grid:?} cells, the net of one of {:?}", chart.grid);
     }
     let columns = net.columns();
     fn distance_sq(at: usize, [a, b]: [f64; 2], columns: usize) -> f64 {

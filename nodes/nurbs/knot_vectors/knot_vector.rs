@@ -1,10 +1,10 @@
 //! Knot vectors of the requested kind.
 
 use maquette_base::parameters::{parameters, uniform_parameters};
+use maquette_node::{Error, bail};
 use maquette_value as value;
 use maquette_value::{KnotVector, ParameterDirection};
 
-use crate::knots_error::KnotsError;
 use crate::knots_kind::KnotsKind;
 
 /// Returns the knots of a surface with the given net, along one direction. The domain of the averaged kinds is 0 to 1.
@@ -16,13 +16,15 @@ pub fn knots(
     along: ParameterDirection,
     order: usize,
     kind: &KnotsKind,
-) -> Result<KnotVector, KnotsError> {
+) -> Result<KnotVector, Error> {
     let points = match along {
         ParameterDirection::U => net.rows(),
         ParameterDirection::V => net.columns(),
     };
     if (2..=10).contains(&order) && points < order {
-        return Err(KnotsError::TooFew { order, along, points });
+        bail!(
+            "order {order} along {along:?} needs at least {order} control points, the net has {points}"
+        );
     }
     let degree = order.saturating_sub(1);
     fn average(
@@ -38,9 +40,15 @@ pub fn knots(
         KnotsKind::Centripetal => average(parameters(net, along, f64::sqrt), degree)?,
         KnotsKind::Periodic => KnotVector::periodic(points, order)?,
         KnotsKind::Cylinder if (points, order) == (9, 3) => KnotVector::cylinder(),
-        KnotsKind::Cylinder => return Err(KnotsError::NotCylinder { order, along, points }),
+        KnotsKind::Cylinder => bail!(
+            "`Cylinder` is for 9 control points and order 3, here are {points} along {along:?} and order {order}"
+        ),
         KnotsKind::Values(values) if points.checked_add(order) != Some(values.len()) => {
-            return Err(KnotsError::Count { order, points, count: values.len() });
+            bail!(
+                "{points} control points of order {order} need {} knots, {} are given",
+                points + order,
+                values.len()
+            );
         }
         KnotsKind::Values(values) => KnotVector::new(degree, values.clone())?,
     })
@@ -94,26 +102,30 @@ mod tests {
 
     #[test]
     fn a_cylinder_needs_nine_columns() {
-        fn cylinder(count: usize, order: usize) -> Result<KnotVector, KnotsError> {
+        fn cylinder(count: usize, order: usize) -> Result<KnotVector, Error> {
             knots(&net(&vec![0.0; count]), ParameterDirection::V, order, &KnotsKind::Cylinder)
         }
-        assert_eq!(cylinder(9, 3), Ok(KnotVector::cylinder()));
-        assert!(matches!(cylinder(8, 3), Err(KnotsError::NotCylinder { .. })));
-        assert!(matches!(cylinder(9, 4), Err(KnotsError::NotCylinder { .. })));
+        assert_eq!(cylinder(9, 3).unwrap(), KnotVector::cylinder());
+        for (count, order) in [(8, 3), (9, 4)] {
+            let error = cylinder(count, order).unwrap_err().to_string();
+            let expected = "`Cylinder` is for 9 control points and order 3";
+            assert!(error.starts_with(expected), "{error}");
+        }
     }
 
     #[test]
     fn given_knots_are_counted_and_checked() {
-        fn given_knots(values: &[f64]) -> Result<KnotVector, KnotsError> {
+        fn given_knots(values: &[f64]) -> Result<KnotVector, Error> {
             knots(&net(&[0.0; 3]), ParameterDirection::V, 2, &KnotsKind::Values(values.to_vec()))
         }
         assert_eq!(given_knots(&[0., 0., 3., 4., 4.]).unwrap().knots(), [0., 0., 3., 4., 4.]);
-        assert_eq!(
-            given_knots(&[0., 1.]),
-            Err(KnotsError::Count { order: 2, points: 3, count: 2 })
-        );
-        assert!(matches!(given_knots(&[0., 0., 3., 2., 4.]), Err(KnotsError::Knots(_))));
+        let count = given_knots(&[0., 1.]).unwrap_err();
+        let expected = "3 control points of order 2 need 5 knots, 2 are given";
+        assert_eq!(count.to_string(), expected);
+        let falling = given_knots(&[0., 0., 3., 2., 4.]).unwrap_err();
+        assert!(falling.downcast::<KnotVectorError>().is_some(), "{falling}");
         let high = knots(&net(&[0.0; 3]), ParameterDirection::V, usize::MAX, &KnotsKind::Uniform);
-        assert!(matches!(high, Err(KnotsError::Knots(KnotVectorError::Degree { .. }))));
+        let high = high.unwrap_err();
+        assert!(matches!(high.downcast(), Some(KnotVectorError::Degree { .. })), "{high}");
     }
 }

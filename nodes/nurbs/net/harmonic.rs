@@ -6,17 +6,18 @@
 
 use std::collections::VecDeque;
 
-use maquette_node::Progress;
+use maquette_node::{Error, Progress, bail};
 use maquette_value as value;
 use maquette_value::{RangeImage, Region};
 use nalgebra::Point3;
 
 use super::mean_value::relax;
 use super::parameterized::{on_border, parameterize};
+use super::polar::PARTS;
 use super::rows::resample;
+use crate::control_net::degenerate_region;
 use crate::grid::disk::Disk;
 use crate::grid::window::GridWindow;
-use crate::net_error::NetError;
 
 /// Minimum automatic number of rows and columns: enough for a cubic.
 const MIN_LINES: usize = 4;
@@ -34,15 +35,13 @@ pub(crate) fn net(
     corners: Option<[[usize; 2]; 4]>,
     [rows, columns]: [usize; 2],
     progress: &Progress<'_>,
-) -> Result<value::ControlNet, NetError> {
+) -> Result<value::ControlNet, Error> {
     let window = GridWindow::new(region, range, 0, progress)?;
     let (low, high) = region.bounds();
-    let degenerate =
-        NetError::DegenerateRegion { rows: high[1] - low[1] + 1, columns: high[0] - low[0] + 1 };
     // A disk of three cells does not have four corners.
     let disk = Disk::new(window.rows, window.columns, &window.inside)
         .filter(|disk| disk.border.len() >= 4)
-        .ok_or(degenerate)?;
+        .ok_or_else(|| degenerate_region(high[1] - low[1] + 1, high[0] - low[0] + 1))?;
     let corners = match corners {
         None => chosen_corners(&disk),
         Some(corners) => given_corners(&disk, &window, corners)?,
@@ -149,7 +148,7 @@ fn given_corners(
     disk: &Disk,
     window: &GridWindow,
     cells: [[usize; 2]; 4],
-) -> Result<[usize; 4], NetError> {
+) -> Result<[usize; 4], Error> {
     let mut corners = [0; 4];
     for (corner, cell) in corners.iter_mut().zip(cells) {
         let (x, y) = (cell[0] as f64 - window.left as f64, cell[1] as f64 - window.top as f64);
@@ -180,11 +179,19 @@ fn given_corners(
         *corner = nearest.unwrap_or(0);
         if distance(corner, x, y, &disk.places, &disk.border) > SNAP {
             let [column, row] = place(corner, &disk.places, &disk.border).map(|at| at as usize);
-            let nearest = [window.left + column, window.top + row];
-            return Err(NetError::CornerOff { corner: cell, nearest });
+            bail!(
+                "corner ({}, {}) is not on the region's contour: the nearest cell there is ({}, {})",
+                cell[0],
+                cell[1],
+                window.left + column,
+                window.top + row
+            );
         }
     }
-    if in_order(corners, disk.border.len()) { Ok(corners) } else { Err(NetError::CornerOrder) }
+    if !in_order(corners, disk.border.len()) {
+        bail!("the corners do not follow each other counter-clockwise along the region's contour");
+    }
+    Ok(corners)
 }
 
 /// The principal axes of a disk's cells, rotated by at most 45 degrees.
@@ -247,7 +254,7 @@ fn shares(disk: &Disk, side: &[u32]) -> Vec<f64> {
 
 /// Returns the position of each vertex in the square: (0, 0) is the upper left corner, the first coordinate grows down, the second to the
 /// right.
-fn map_to_square(disk: &Disk, sides: &Sides) -> Result<Vec<[f64; 2]>, NetError> {
+fn map_to_square(disk: &Disk, sides: &Sides) -> Result<Vec<[f64; 2]>, Error> {
     /// Returns the minimum or maximum of a coordinate over the border; `better` is `f64::min` or `f64::max`.
     fn bound(disk: &Disk, axis: usize, better: fn(f64, f64) -> f64) -> f64 {
         disk.border
@@ -271,8 +278,13 @@ fn map_to_square(disk: &Disk, sides: &Sides) -> Result<Vec<[f64; 2]>, NetError> 
             };
         }
     }
-    relax(disk, &mut square).map_err(|residual| NetError::Harmonic { residual })?;
+    relax(disk, &mut square).map_err(not_mapped)?;
     Ok(square)
+}
+
+/// Returns the error of a region that could not be mapped to a square. The residual is a fraction of the square's side.
+fn not_mapped(residual: f64) -> Error {
+    Error::new(format!("the region could not be mapped to a square: residual {residual:e}"))
 }
 
 /// Returns the points at a uniform grid of the square, interpolated in the triangles that contain them; the points of the border are left
@@ -283,7 +295,7 @@ fn interior(
     square: &[[f64; 2]],
     rows: usize,
     columns: usize,
-) -> Result<Vec<Point3<f64>>, NetError> {
+) -> Result<Vec<Point3<f64>>, Error> {
     let cells = window.points.len();
     fn point(
         vertex: u32,
@@ -346,7 +358,7 @@ fn interior(
         .find(|&at| depths[at] == f64::NEG_INFINITY)
     {
         None => Ok(points),
-        Some(_) => Err(NetError::Harmonic { residual: f64::INFINITY }),
+        Some(_) => Err(not_mapped(f64::INFINITY)),
     }
 }
 
@@ -365,7 +377,7 @@ fn coordinates(
     window: &GridWindow,
     disk: &Disk,
     square: &[[f64; 2]],
-) -> Result<Vec<[f64; 2]>, NetError> {
+) -> Result<Vec<[f64; 2]>, Error> {
     let mut places: Vec<Option<[f64; 2]>> = vec![None; window.points.len()];
     let mut on_disk: Vec<usize> = disk.triangles.iter().flatten().map(|&v| v as usize).collect();
     on_disk.sort_unstable();
@@ -393,7 +405,7 @@ fn coordinates(
         .iter()
         .map(|&cell| {
             let [row, column] = window.place(cell);
-            places[row * window.columns + column].ok_or(NetError::Parts)
+            places[row * window.columns + column].ok_or_else(|| Error::new(PARTS))
         })
         .collect()
 }

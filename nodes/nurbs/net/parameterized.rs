@@ -1,10 +1,9 @@
 //! Control nets with net coordinates for the cells of their region.
 
+use maquette_node::Error;
 use maquette_value as value;
 use maquette_value::{Chart, RangeImage};
 use nalgebra::Point3;
-
-use crate::net_error::NetError;
 
 /// Makes the net of `points` with the given number of rows and columns. `fixed` gives the flag of a point by row and column; each of the
 /// `cells` of the range image gets a net coordinate.
@@ -15,7 +14,7 @@ pub(crate) fn parameterize(
     fixed: impl Fn(usize, usize) -> bool,
     cells: Vec<u32>,
     coordinates: Vec<[f64; 2]>,
-) -> Result<value::ControlNet, NetError> {
+) -> Result<value::ControlNet, Error> {
     let grid = [range.width(), range.height()];
     let chart = Chart { grid, cells: cells.into(), coordinates: coordinates.into() };
     let fixed = (0..rows * columns).map(|at| u8::from(fixed(at / columns, at % columns))).collect();

@@ -8,7 +8,7 @@
 //! The contour of a region that was found in a picture has steps and teeth, which a spoke may cross more than once. Therefore the last row
 //! is a smooth line around the whole contour ([`super::rays`]), on the region's points extrapolated slightly beyond its cells.
 
-use maquette_node::Progress;
+use maquette_node::{Error, Progress, bail};
 use maquette_range::contours;
 use maquette_value as value;
 use maquette_value::{RangeImage, Region};
@@ -17,7 +17,6 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::parameterized::parameterize;
 use super::rays::{NotAStar, Rays, turn};
 use crate::grid::window::GridWindow;
-use crate::net_error::NetError;
 
 /// Maximum automatic number of spokes. A contour has some hundred cells, and spokes to more than half of them would only follow its steps.
 const MAX_SPOKES: usize = 64;
@@ -33,14 +32,14 @@ pub(crate) fn net(
     order: usize,
     [rows, columns]: [usize; 2],
     progress: &Progress<'_>,
-) -> Result<value::ControlNet, NetError> {
+) -> Result<value::ControlNet, Error> {
     if !(2..=10).contains(&order) {
-        return Err(NetError::Order { order });
+        bail!("expected an order from 2 to 10, found {order}");
     }
     let repeated = order - 1;
     let least = MIN_SPOKES.max(repeated) + repeated;
     if columns != 0 && columns < least {
-        return Err(NetError::FewColumns { columns, least });
+        bail!("expected at least {least} columns for a closed net of this order, found {columns}");
     }
     let window = GridWindow::around_region(region, progress)?;
     let center = middle(region, &window);
@@ -59,11 +58,16 @@ pub(crate) fn net(
     let rays = Rays::new(&contour).map_err(|why| match why {
         NotAStar::NotInside => {
             let (column, row) = cell([0.0; 2], center, window.left, window.top);
-            NetError::NoMiddle { column, row }
+            Error::new(format!(
+                "the region's middle, cell ({column}, {row}), is not inside of its contour: use the method `Harmonic`"
+            ))
         }
         NotAStar::Bay { at, depth } => {
             let (column, row) = cell(at, center, window.left, window.top);
-            NetError::NotStarShaped { column, row, cells: depth }
+            Error::new(format!(
+                "the whole region is not visible from its center: {depth:.1} cells on the line to cell ({column}, {row}) are outside; \
+                 use the method `Harmonic`"
+            ))
         }
     })?;
     let count = match columns {
@@ -98,11 +102,14 @@ fn middle(region: &Region, window: &GridWindow) -> [f64; 2] {
     })
 }
 
+/// The error of a region that has disconnected parts.
+pub(crate) const PARTS: &str = "the region is in several parts: a net covers one";
+
 /// Returns the contour of the region as a closed line through the centers of its cells: the (column, row) of each, relative to the center.
-fn outline(window: &GridWindow, center: [f64; 2]) -> Result<Vec<[f64; 2]>, NetError> {
+fn outline(window: &GridWindow, center: [f64; 2]) -> Result<Vec<[f64; 2]>, Error> {
     let all = contours(window.columns, window.rows, &window.inside);
     if all.iter().filter(|contour| !contour.hole).count() != 1 {
-        return Err(NetError::Parts);
+        bail!("{PARTS}");
     }
     Ok(all[0]
         .cells
@@ -296,7 +303,7 @@ mod tests {
             let disk = jagged_disk(&range, teeth);
             // Without its teeth, the region may have disconnected cells.
             let net = match control_net(&disk, &range, POLAR, 0, 0, &Progress::silent()) {
-                Err(NetError::Parts) => continue,
+                Err(error) if error.to_string() == PARTS => continue,
                 net => net.unwrap(),
             };
             let surface = surface(&net, 3);
@@ -332,22 +339,29 @@ mod tests {
             rows: usize,
             columns: usize,
             range: &RangeImage,
-        ) -> NetError {
-            control_net(region, range, method, rows, columns, &Progress::silent()).unwrap_err()
+        ) -> String {
+            control_net(region, range, method, rows, columns, &Progress::silent())
+                .unwrap_err()
+                .to_string()
         }
-        assert!(matches!(error(&moon, POLAR, 0, 0, &range), NetError::NotStarShaped { .. }));
+        let not_visible = error(&moon, POLAR, 0, 0, &range);
+        let expected = "the whole region is not visible from its center";
+        assert!(not_visible.starts_with(expected), "{not_visible}");
         let line = region(&range, |x, y| y == 4 && x < 9);
-        assert_eq!(error(&line, POLAR, 0, 0, &range), NetError::NoMiddle { column: 4, row: 4 });
+        let no_middle = error(&line, POLAR, 0, 0, &range);
+        let expected = "the region's middle, cell (4, 4), is not inside of its contour";
+        assert!(no_middle.starts_with(expected), "{no_middle}");
         let ring = region(&range, |x, y| {
             let (x, y) = (x as f64 - 20.0, y as f64 - 19.0);
             (100.0..250.0).contains(&(x * x + y * y)) && (x < 0.0 || y.abs() > 2.0)
         });
-        assert!(matches!(error(&ring, POLAR, 0, 0, &range), NetError::NoMiddle { .. }));
+        assert!(error(&ring, POLAR, 0, 0, &range).contains("is not inside of its contour"));
         let two = region(&range, |x, _| !(4..=9).contains(&x));
-        assert_eq!(error(&two, POLAR, 0, 0, &range), NetError::Parts);
+        assert_eq!(error(&two, POLAR, 0, 0, &range), PARTS);
         let egg = egg(&range);
-        assert_eq!(error(&egg, POLAR, 0, 4, &range), NetError::FewColumns { columns: 4, least: 5 });
-        let order = NetError::Order { order: 11 };
+        let few_columns = "expected at least 5 columns for a closed net of this order, found 4";
+        assert_eq!(error(&egg, POLAR, 0, 4, &range), few_columns);
+        let order = "expected an order from 2 to 10, found 11";
         assert_eq!(error(&egg, NetMethod::Polar { order: 11 }, 0, 0, &range), order);
     }
 }

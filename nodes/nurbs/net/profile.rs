@@ -1,7 +1,7 @@
 //! Profiles of an offset between the center of a net's free points and its fixed ones.
 
-use maquette_base::linear::laplace::{self, PoissonError};
-use maquette_node::Progress;
+use maquette_base::linear::laplace;
+use maquette_node::{Error, Progress, bail};
 use maquette_value as value;
 use maquette_value::Field;
 use schemars::JsonSchema;
@@ -28,27 +28,8 @@ pub enum Profile {
     Picture,
 }
 
-/// Reasons why a profile cannot be computed.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum ProfileError {
-    /// The profile needs a picture, but none is linked.
-    #[error("the profile `Picture` needs a field at the port `picture`")]
-    NoPicture,
-    /// The picture has no finite number.
-    #[error("the field at the port `picture` has no finite number")]
-    EmptyPicture,
-    /// The power or width is out of range.
-    #[error("the profile's number is {number}; it must be {least}")]
-    Number {
-        /// The invalid power or width.
-        number: f64,
-        /// The allowed range of the power or width.
-        least: &'static str,
-    },
-    /// The distance from the border could not be computed.
-    #[error(transparent)]
-    Distance(#[from] PoissonError),
-}
+/// The error of a profile that needs a picture, if none is linked.
+pub(crate) const NO_PICTURE: &str = "the profile `Picture` needs a field at the port `picture`";
 
 impl Profile {
     /// Returns the factor of the offset, whose length is `distance`, for each point of a net, row by row. `free` is 1 for each point that
@@ -60,12 +41,14 @@ impl Profile {
         distance: f64,
         picture: Option<&Field>,
         progress: &Progress<'_>,
-    ) -> Result<Vec<f64>, ProfileError> {
+    ) -> Result<Vec<f64>, Error> {
         let falloff: Box<dyn Fn(f64) -> f64> = match self {
             Self::Plateau => return Ok(vec![1.0; free.len()]),
             Self::Picture => {
-                let picture = picture.ok_or(ProfileError::NoPicture)?;
-                return gray(picture, net.rows(), net.columns()).ok_or(ProfileError::EmptyPicture);
+                let picture = picture.ok_or_else(|| Error::new(NO_PICTURE))?;
+                return gray(picture, net.rows(), net.columns()).ok_or_else(|| {
+                    Error::new("the field at the port `picture` has no finite number")
+                });
             }
             Self::Round => {
                 let round = Round::new(distance / radius(net, free));
@@ -77,10 +60,10 @@ impl Profile {
                 Box::new(move |d| libm::exp(-(1.0 - d) * (1.0 - d) / (2.0 * width * width)))
             }
             Self::Power(number) => {
-                return Err(ProfileError::Number { number, least: "0 or more" });
+                bail!("the profile's number is {number}; it must be 0 or more")
             }
             Self::Gaussian(number) => {
-                return Err(ProfileError::Number { number, least: "more than 0" });
+                bail!("the profile's number is {number}; it must be more than 0")
             }
         };
         let inwardness = inwardness(net.rows(), net.columns(), free, progress)?;
@@ -130,7 +113,7 @@ fn inwardness(
     columns: usize,
     free: &[u8],
     progress: &Progress<'_>,
-) -> Result<Vec<f64>, PoissonError> {
+) -> Result<Vec<f64>, Error> {
     fn border(at: usize, columns: usize, rows: usize) -> bool {
         let (row, column) = (at / columns, at % columns);
         row == 0 || row + 1 == rows || column == 0 || column + 1 == columns
@@ -234,8 +217,8 @@ mod tests {
             factors(Profile::Cosine, &free)
         );
         assert_eq!(
-            Profile::Cosine.factors(&net(2, 2), &[1; 4], 1.0, None, &Progress::silent()),
-            Ok(vec![0.0; 4])
+            Profile::Cosine.factors(&net(2, 2), &[1; 4], 1.0, None, &Progress::silent()).unwrap(),
+            [0.0; 4]
         );
     }
 
@@ -268,7 +251,7 @@ mod tests {
             width: usize,
             rows: usize,
             columns: usize,
-        ) -> Result<Vec<f64>, ProfileError> {
+        ) -> Result<Vec<f64>, Error> {
             let picture = Field::new(width, pixels.len() / width, pixels).unwrap();
             Profile::Picture.factors(
                 &net(rows, columns),
@@ -282,18 +265,19 @@ mod tests {
         assert_eq!(levels, [0.0, 0.25, 0.5, 0.0, 0.375, 0.75, 0.0, 0.5, 1.0]);
         assert_eq!(stretch_over(vec![7.0; 4], 2, 1, 2).unwrap(), [1.0, 1.0]);
         assert_eq!(stretch_over(vec![f32::NAN, 1.0, 2.0], 3, 1, 3).unwrap(), [0.0, 0.0, 1.0]);
-        assert_eq!(stretch_over(vec![f32::NAN], 1, 1, 1), Err(ProfileError::EmptyPicture));
-        assert_eq!(
-            Profile::Picture.factors(&net(1, 1), &[1], 1.0, None, &Progress::silent()),
-            Err(ProfileError::NoPicture)
-        );
+        let error = stretch_over(vec![f32::NAN], 1, 1, 1).unwrap_err();
+        let empty_picture = "the field at the port `picture` has no finite number";
+        assert_eq!(error.to_string(), empty_picture);
+        let error = Profile::Picture.factors(&net(1, 1), &[1], 1.0, None, &Progress::silent());
+        assert_eq!(error.unwrap_err().to_string(), NO_PICTURE);
     }
 
     #[test]
     fn numbers_out_of_range_are_refused() {
         for profile in [Profile::Power(-1.0), Profile::Power(f64::NAN), Profile::Gaussian(0.0)] {
             let refused = profile.factors(&net(3, 3), &[1; 9], 1.0, None, &Progress::silent());
-            assert!(matches!(refused, Err(ProfileError::Number { .. })), "{profile:?}");
+            let refused = refused.unwrap_err().to_string();
+            assert!(refused.starts_with("the profile's number is"), "{profile:?}: {refused}");
         }
     }
 }

@@ -4,12 +4,12 @@
 //! in both cases. A line extends from its first to its last cell of the region; the cells between belong to the net. The outermost points
 //! of the net are fixed.
 
+use maquette_node::Error;
 use maquette_value as value;
 use maquette_value::{RangeImage, Region};
 use nalgebra::Point3;
 
 use super::parameterized::{on_border, parameterize};
-use crate::net_error::NetError;
 
 /// Minimum automatic number of lines, and of points per line: enough for a cubic. With fewer, many orders would be an error; more would
 /// invent points.
@@ -26,7 +26,7 @@ pub(crate) fn net(
     range: &RangeImage,
     rows: usize,
     columns: usize,
-) -> Result<value::ControlNet, NetError> {
+) -> Result<value::ControlNet, Error> {
     let horizontal = Lines::new(region, range, false);
     let vertical = Lines::new(region, range, true);
     let (lines, [along, across]) = if vertical.gaps < horizontal.gaps {

@@ -257,14 +257,15 @@ fn parts_are_picked_by_size_label_and_position() {
     let labels = spots(&["##.#.", "##...", "...##"]);
     let first = |pick| {
         extract_region(&labels, &full(5, 3), pick, options(true, 0), &Progress::silent())
-            .map(|region| region.cells()[0])
+            .unwrap()
+            .cells()[0]
     };
-    assert_eq!(first(Pick::Largest), Ok(0));
-    assert_eq!(first(Pick::Smallest), Ok(3));
-    assert_eq!(first(Pick::Rank(1)), Ok(0));
-    assert_eq!(first(Pick::Rank(2)), Ok(13));
-    assert_eq!(first(Pick::Label(2)), Ok(3));
-    assert_eq!(first(Pick::At(4, 2)), Ok(13));
+    assert_eq!(first(Pick::Largest), 0);
+    assert_eq!(first(Pick::Smallest), 3);
+    assert_eq!(first(Pick::Rank(1)), 0);
+    assert_eq!(first(Pick::Rank(2)), 13);
+    assert_eq!(first(Pick::Label(2)), 3);
+    assert_eq!(first(Pick::At(4, 2)), 13);
 }
 
 #[test]

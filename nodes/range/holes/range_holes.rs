@@ -1,8 +1,8 @@
 //! Handles cells of a region without a measured point.
 
-use maquette_base::linear::laplace::{PoissonError, solve};
+use maquette_base::linear::laplace::solve;
 use maquette_image::{Connectivity, label};
-use maquette_node::Progress;
+use maquette_node::{Error, Progress};
 use maquette_value::{Mask, RangeImage};
 use nalgebra::Point3;
 
@@ -97,7 +97,7 @@ pub(crate) fn fill_points(
     cells: &[u32],
     points: &mut [Point3<f64>],
     progress: &Progress<'_>,
-) -> Result<(), PoissonError> {
+) -> Result<(), Error> {
     let [columns, rows] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
     let indices: Vec<usize> = cells
         .iter()

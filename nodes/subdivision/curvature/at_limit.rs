@@ -5,7 +5,7 @@
 //! the curvature is taken from the nearby surface: from a quadratic surface that is fitted to the limit points of the mesh refined three
 //! times.
 
-use maquette_node::Progress;
+use maquette_node::{Error, Progress, bail};
 use maquette_value::parallel::*;
 use maquette_value::{Mesh, NearestPoint, TriangleTree};
 use nalgebra::{Point3, Vector3};
@@ -13,7 +13,6 @@ use nalgebra::{Point3, Vector3};
 use super::super::{Boundary, Corners, Creases, Plan, Scheme, Subdivision};
 use super::bending::Bending;
 use super::bent_mesh::BentMesh;
-use super::curvature_error::CurvatureError;
 use super::discrete::Neighbors;
 use crate::limit::limit_rows::Limit;
 use crate::refine::connectivity::Connectivity;
@@ -30,9 +29,11 @@ pub(super) fn at_limit(
     scheme: Scheme,
     boundary: Boundary,
     progress: &Progress<'_>,
-) -> Result<BentMesh, CurvatureError> {
+) -> Result<BentMesh, Error> {
     if boundary == Boundary::None {
-        return Err(CurvatureError::NoBorder);
+        bail!(
+            "with `boundary: None` the surface ends before the border, so that vertices there have no curvature"
+        );
     }
     let (creases, corners) = (Creases::OpenSubdiv, Corners::Linear);
     let options = Subdivision { scheme, levels: 0, limit: false, boundary, creases, corners };
@@ -164,7 +165,7 @@ fn close_by(
     options: Subdivision,
     vertices: &[u32],
     progress: &Progress<'_>,
-) -> Result<Vec<Option<Bending>>, CurvatureError> {
+) -> Result<Vec<Option<Bending>>, Error> {
     if vertices.is_empty() {
         return Ok(Vec::new());
     }
@@ -214,10 +215,7 @@ fn nearest_vertices(mesh: &Mesh, positions: &[Point3<f64>]) -> Vec<Option<u32>> 
 
 /// Extracts the faces within two edges of some vertices. The surface between each of the vertices and its neighbors depends on these faces.
 /// Also returns the index of each of the vertices in the extracted mesh; `None` for a vertex without faces.
-fn extract_neighborhood(
-    mesh: &Mesh,
-    vertices: &[u32],
-) -> Result<(Mesh, Vec<Option<u32>>), CurvatureError> {
+fn extract_neighborhood(mesh: &Mesh, vertices: &[u32]) -> Result<(Mesh, Vec<Option<u32>>), Error> {
     let mut marked = vec![false; mesh.positions().len()];
     vertices.iter().for_each(|&vertex| marked[vertex as usize] = true);
     let mut chosen = vec![false; mesh.faces().len()];

@@ -1,12 +1,11 @@
 //! Fitting of the control points of a mesh with given faces.
 
-use maquette_node::Progress;
+use maquette_node::{Error, Progress, bail};
 use maquette_value::{Mesh, MeshError, Trace, TraceStep};
 use nalgebra::Point3;
 
 use super::equations::System;
 use super::feet::{Feet, LEVELS, Nearest};
-use super::fit_subdivision_error::FitSubdivisionError;
 use super::folds::folds;
 use super::scan::Scan;
 use crate::limit::composed::{ComposedLimit, laplacian};
@@ -42,7 +41,7 @@ pub fn fit_subdivision(
     smoothing: f64,
     iterations: u32,
     progress: &Progress<'_>,
-) -> Result<FittedSubdivision, FitSubdivisionError> {
+) -> Result<FittedSubdivision, Error> {
     let mut fit = Fit { points, scan: None, smoothing, iterations, steps: Vec::new() };
     let (mesh, nearest) = fit.fit_control_points(mesh, progress)?;
     Ok(fit.end(mesh, &nearest))
@@ -64,7 +63,7 @@ impl Fit<'_> {
         &mut self,
         mesh: &Mesh,
         progress: &Progress<'_>,
-    ) -> Result<(Mesh, Vec<Option<Nearest>>), FitSubdivisionError> {
+    ) -> Result<(Mesh, Vec<Option<Nearest>>), Error> {
         let surface = ComposedLimit::new(mesh, LEVELS)?;
         let stiffness = laplacian(mesh);
         let reach = 2.0 * mean_edge(mesh);
@@ -78,7 +77,10 @@ impl Fit<'_> {
             let fine = surface.surface(mesh.positions())?;
             let mut feet = Feet::new(&fine, self.points, reach);
             if feet.points.is_empty() {
-                return Err(FitSubdivisionError::Apart { count: self.points.len() });
+                bail!(
+                    "none of the {} points is near the mesh; check the positions and units of both",
+                    self.points.len()
+                );
             }
             let [max, rms] = feet.missed.distances();
             let has_settled = before - rms < MIN_GAIN * before;

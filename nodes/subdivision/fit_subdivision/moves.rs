@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use maquette_node::Progress;
+use maquette_node::{Error, Progress};
 use maquette_value::Mesh;
 use maquette_value::parallel::*;
 use nalgebra::Point3;
@@ -12,7 +12,6 @@ use serde::{Deserialize, Serialize};
 use super::concave_corners::cut_concave_corners;
 use super::feet::Nearest;
 use super::fit::{Fit, FittedSubdivision};
-use super::fit_subdivision_error::FitSubdivisionError;
 use super::local::{Local, Measure};
 use super::net::{Change, Move, Net, SHARP};
 use super::scan::Scan;
@@ -68,6 +67,10 @@ impl Default for Prices {
     }
 }
 
+/// The error of a scan without faces.
+pub(super) const NO_SURFACE: &str = "`moves: ByEnergy` also measures distances between the points: expected a mesh with faces as `points`; \
+                                     use `Reconstruct` for points and `Triangulate` for range images";
+
 /// Fits a subdivision surface as [`fit_subdivision`](super::fit::fit_subdivision) does. Between iterations, edge operations improve the
 /// faces of the control mesh by lowering an energy.
 ///
@@ -87,8 +90,8 @@ pub fn fit_by_moves(
     iterations: u32,
     prices: Prices,
     progress: &Progress<'_>,
-) -> Result<FittedSubdivision, FitSubdivisionError> {
-    let scan = Scan::new(scan).ok_or(FitSubdivisionError::NoSurface)?;
+) -> Result<FittedSubdivision, Error> {
+    let scan = Scan::new(scan).ok_or_else(|| Error::new(NO_SURFACE))?;
     let (points, steps) = (scan.points(), Vec::new());
     let mut fit = Fit { points, scan: Some(&scan), smoothing, iterations, steps };
     let start = crease(mesh, prices.angle, SHARP);
@@ -159,7 +162,7 @@ impl<'a> EdgeOptimizer<'a> {
         fitted: &Mesh,
         nearest: &[Option<Nearest>],
         tick: impl Fn(f64) -> Result<(), maquette_node::CancelledError>,
-    ) -> Result<(Mesh, usize), FitSubdivisionError> {
+    ) -> Result<(Mesh, usize), Error> {
         let (_, vertices, faces) = self.net.mesh()?;
         for (&vertex, position) in vertices.iter().zip(fitted.positions().iter()) {
             self.net.positions[vertex as usize] = *position;

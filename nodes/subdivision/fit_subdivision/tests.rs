@@ -56,7 +56,8 @@ fn distant_points_are_ignored_and_no_near_points_are_an_error() {
     points.push(Point3::new(30.0, 0.0, 0.0));
     assert_eq!(fit_mesh(&coarse, &points).left_out, 1);
     let far = fit_subdivision(&coarse, &points[points.len() - 1..], 1e-3, 6, &Progress::silent());
-    assert_eq!(far, Err(FitSubdivisionError::Apart { count: 1 }));
+    let apart = "none of the 1 points is near the mesh; check the positions and units of both";
+    assert_eq!(far.unwrap_err().to_string(), apart);
 }
 
 /// Creates a cube of edge 2. Each of its faces is divided into `n` by `n` squares of two triangles.
@@ -176,7 +177,7 @@ fn corners_without_folds_are_not_divided() {
 fn moves_need_a_scan_with_faces() {
     let points = Mesh::new(sphere(2).positions().clone(), Faces::triangles(Vec::new())).unwrap();
     let found = fit_by_moves(&sphere(0), &points, 1e-3, 6, Prices::default(), &Progress::silent());
-    assert_eq!(found, Err(FitSubdivisionError::NoSurface));
+    assert_eq!(found.unwrap_err().to_string(), NO_SURFACE);
 }
 
 #[test]

@@ -158,24 +158,20 @@ fn both_norms_stop_where_they_say() {
 
 #[test]
 fn invalid_input_is_an_error() {
-    fn interpolate_error(
-        curve: &Curve,
-        basis: CurveBasis,
-        options: &Interpolation,
-    ) -> InterpolateCurveError {
-        interpolate_curve(curve, basis, options, &Progress::silent()).unwrap_err()
+    fn interpolate_error(curve: &Curve, basis: CurveBasis, options: &Interpolation) -> String {
+        interpolate_curve(curve, basis, options, &Progress::silent()).unwrap_err().to_string()
     }
     let closest = Interpolation { foot: Foot::Closest, ..Interpolation::default() };
-    let not_linear = InterpolateCurveError::NotLinear(NonlinearError { solver: Solver::Pcg });
-    assert_eq!(interpolate_error(&star(), CurveBasis::Cubic, &closest), not_linear);
+    let not_linear = interpolate_error(&star(), CurveBasis::Cubic, &closest);
+    assert!(not_linear.starts_with("solver Pcg solves only linear equations"), "{not_linear}");
     let spline =
         interpolate_points(&star(), CurveBasis::BSpline(3), &Interpolation::default()).shape;
     assert_eq!(
         interpolate_error(&spline, CurveBasis::Cubic, &Interpolation::default()),
-        InterpolateCurveError::Spline
+        "the curve is a B-spline; only the points of a polyline are interpolated"
     );
     let few = interpolate_error(&helix(3), CurveBasis::BSpline(3), &Interpolation::default());
-    assert!(matches!(few, InterpolateCurveError::Knots(_)), "{few}");
+    assert_eq!(few, "7 knots are too few for degree 3: at least 8 are needed");
 }
 
 #[test]

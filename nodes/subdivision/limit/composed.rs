@@ -1,6 +1,7 @@
 //! The limit points of a refined mesh as sparse weighted sums of control points.
 
 use maquette_base::linear::stencils::Stencils;
+use maquette_node::Error;
 use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::Point3;
 
@@ -13,7 +14,7 @@ use crate::refine::level::{check_triangles, creases};
 use crate::refine::step::Step;
 use crate::refine::topology::Topology;
 use crate::rules::Rules;
-use crate::{Boundary, Creases, Scheme, SubdivideError};
+use crate::{Boundary, Creases, Scheme};
 
 /// The limit points of a mesh refined by Loop's scheme, as a matrix that can be applied to any control points.
 pub(crate) struct ComposedLimit {
@@ -28,7 +29,7 @@ impl ComposedLimit {
     ///
     /// # Errors
     /// If a face is not a triangle or the mesh is not manifold.
-    pub(crate) fn new(mesh: &Mesh, levels: u32) -> Result<Self, SubdivideError> {
+    pub(crate) fn new(mesh: &Mesh, levels: u32) -> Result<Self, Error> {
         let rules = Rules {
             scheme: Scheme::Loop,
             boundary: Boundary::EdgeAndCorner,
@@ -74,7 +75,7 @@ impl ComposedLimit {
 }
 
 /// Returns the matrix of one step of Loop's scheme.
-fn refinement(topology: &Topology) -> Result<Stencils, SubdivideError> {
+fn refinement(topology: &Topology) -> Result<Stencils, Error> {
     check_triangles(&topology.faces)?;
     let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
     let creases = creases(topology, &mesh);

@@ -2,6 +2,7 @@
 //! would make around the vertex; only vertices on the border need matrix rows.
 
 use maquette_base::linear::stencils::Stencils;
+use maquette_node::Error;
 use maquette_value::memory::huge_vec;
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Column, Mesh, MeshError};
@@ -9,7 +10,6 @@ use nalgebra::{Point3, Vector3};
 
 use super::dual_limit::DualLimit;
 use super::limit_rows::complete_normals;
-use crate::SubdivideError;
 use crate::masks::roots_of_unity::root_of_unity;
 use crate::refine::doo_sabin::{Dual, FaceVertices};
 use crate::refine::dual_halves::{FinerHalves, Rings};
@@ -36,7 +36,7 @@ impl FinerDualLimit {
     ///
     /// # Errors
     /// If the refined mesh is not manifold.
-    pub(crate) fn new(dual: &Dual) -> Result<Self, SubdivideError> {
+    pub(crate) fn new(dual: &Dual) -> Result<Self, Error> {
         let FinerHalves { mesh, starts, rings } = dual.finer_halves()?;
         let limit = DualLimit::new(mesh, starts, dual.boundary());
         let mut ring = Ring::default();

@@ -10,6 +10,7 @@ use maquette_value::{Attribute, Column, Encoder, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 
 use super::dual_limit::DualLimit;
+use crate::Scheme;
 use crate::masks::catmull_clark::CatmullClarkMasks;
 use crate::masks::closed_rows::closed_rows;
 use crate::masks::loop_masks::LoopMasks;
@@ -20,7 +21,6 @@ use crate::refine::half_edges::HalfEdges;
 use crate::refine::level::{check_triangles, creases};
 use crate::refine::topology::Topology;
 use crate::rules::Rules;
-use crate::{Scheme, SubdivideError};
 
 /// The number of vertices per parallel task.
 const BLOCK: usize = 4096;
@@ -57,7 +57,7 @@ impl LimitPositions {
     ///
     /// # Errors
     /// The errors of [`Limit::new`].
-    pub(crate) fn new(topology: &Topology) -> Result<Self, SubdivideError> {
+    pub(crate) fn new(topology: &Topology) -> Result<Self, Error> {
         let positions = match closed_rows(topology) {
             Some(rows) => rows,
             None => SchemeLimit::new(topology)?.positions(),
@@ -67,7 +67,7 @@ impl LimitPositions {
 
     /// Performs [`Self::new`] with the signature that [`maquette_node::Context::memo`] requires.
     pub(crate) fn memo(topology: &Topology) -> Result<Self, Error> {
-        Ok(Self::new(topology)?)
+        Self::new(topology)
     }
 }
 
@@ -103,7 +103,7 @@ impl Limit {
     ///
     /// # Errors
     /// If the scheme cannot refine a face, a face is too large, or the mesh is not manifold.
-    pub(crate) fn new(topology: &Topology) -> Result<Self, SubdivideError> {
+    pub(crate) fn new(topology: &Topology) -> Result<Self, Error> {
         let limit = SchemeLimit::new(topology)?;
         let (positions, (tangents, sides)) = (limit.positions(), limit.tangents());
         Ok(Self { topology: topology.clone(), positions, tangents, sides })
@@ -111,7 +111,7 @@ impl Limit {
 
     /// Performs [`Self::new`] with the signature that [`maquette_node::Context::memo`] requires.
     pub(crate) fn memo(topology: &Topology) -> Result<Self, Error> {
-        Ok(Self::new(topology)?)
+        Self::new(topology)
     }
 
     /// Moves the vertices of `mesh` to the limit surface, and adds the attribute `normal`.
@@ -207,7 +207,7 @@ enum SchemeLimit {
 }
 
 impl SchemeLimit {
-    fn new(topology: &Topology) -> Result<Self, SubdivideError> {
+    fn new(topology: &Topology) -> Result<Self, Error> {
         let rules = topology.rules;
         if rules.scheme.needs_triangles() {
             check_triangles(&topology.faces)?;
@@ -278,7 +278,7 @@ impl<M: Masks + Copy> MaskedMesh<M> {
     }
 }
 
-fn check_faces(topology: &Topology) -> Result<(), SubdivideError> {
+fn check_faces(topology: &Topology) -> Result<(), Error> {
     if topology.rules.scheme.needs_triangles() {
         return Ok(());
     }

@@ -1,12 +1,12 @@
 //! The connectivity of a manifold mesh, stored as lists. Edges are numbered by their owners, the first of their half-edges, as in
 //! [`maquette_value::Mesh::edges`].
 
+use maquette_node::Error;
 use maquette_value::parallel::*;
 use maquette_value::{Edges, Faces};
 
 use super::face_order::FaceOrder;
 use super::half_edges::{HalfEdges, NONE};
-use crate::SubdivideError;
 
 /// The half-edges of a manifold mesh: each edge has at most two faces, and each vertex one fan of faces.
 #[derive(Debug)]
@@ -27,7 +27,7 @@ impl Connectivity {
     ///
     /// # Errors
     /// If the mesh is not manifold, or neighboring faces have opposite orientations.
-    pub(crate) fn new(faces: &Faces, vertices: usize) -> Result<(Self, Vec<u32>), SubdivideError> {
+    pub(crate) fn new(faces: &Faces, vertices: usize) -> Result<(Self, Vec<u32>), Error> {
         let edges = faces.edges();
         let mesh = Self::pair_half_edges(faces, vertices, &edges);
         check_edges(&edges, &mesh)?;
@@ -69,7 +69,7 @@ impl Connectivity {
     }
 
     /// Checks that the faces of each vertex form one fan. `starts` has a half-edge from each vertex.
-    fn check_vertices(&self, starts: &[u32]) -> Result<(), SubdivideError> {
+    fn check_vertices(&self, starts: &[u32]) -> Result<(), Error> {
         let mut degrees = vec![0u32; starts.len()];
         self.corners().iter().for_each(|&vertex| degrees[vertex as usize] += 1);
         let vertices: Vec<u32> = (0..starts.len() as u32)
@@ -80,10 +80,10 @@ impl Connectivity {
                 fan.count() != degrees[vertex as usize] as usize
             })
             .collect();
-        match vertices.is_empty() {
-            true => Ok(()),
-            false => Err(SubdivideError::NonManifold { edges: Vec::new(), vertices }),
+        if vertices.is_empty() {
+            return Ok(());
         }
+        Err(non_manifold("vertices join fans of faces", vertices.iter().map(u32::to_string)))
     }
 
     /// The number of edges whose owner is a half-edge before the one at `corner`.
@@ -134,14 +134,14 @@ impl HalfEdges for Connectivity {
 }
 
 /// Checks that no edge has more than two faces, or two faces that traverse it in the same direction.
-fn check_edges(edges: &Edges, mesh: &Connectivity) -> Result<(), SubdivideError> {
+fn check_edges(edges: &Edges, mesh: &Connectivity) -> Result<(), Error> {
     if edges.misoriented == 0 && edges.faces.iter().all(|&faces| faces <= 2) {
         return Ok(());
     }
     fn start(half: u32, mesh: &Connectivity) -> u32 {
         mesh.corners()[half as usize]
     }
-    let bad = (0..mesh.halves.len())
+    let bad: Vec<[u32; 2]> = (0..mesh.halves.len())
         .filter(|edge| {
             let [owner, twin] = mesh.halves[*edge];
             edges.faces[*edge] > 2
@@ -149,5 +149,21 @@ fn check_edges(edges: &Edges, mesh: &Connectivity) -> Result<(), SubdivideError>
         })
         .map(|edge| edges.vertices[edge])
         .collect();
-    Err(SubdivideError::NonManifold { edges: bad, vertices: Vec::new() })
+    Err(non_manifold(
+        "edges have more than two faces or faces that disagree about their side",
+        bad.iter().map(|[a, b]| format!("({a}, {b})")),
+    ))
+}
+
+/// The maximum number of non-manifold edges or vertices that a message lists.
+const MAX_LISTED: usize = 5;
+
+/// Returns the error of a mesh that is not manifold. `defects` are its edges or vertices that are not.
+fn non_manifold(what: &str, defects: impl ExactSizeIterator<Item = String>) -> Error {
+    let count = defects.len();
+    let mut first: Vec<String> = defects.take(MAX_LISTED).collect();
+    if count > MAX_LISTED {
+        first.push("...".to_owned());
+    }
+    Error::new(format!("the mesh is not a surface: {count} {what}: {}", first.join(", ")))
 }

@@ -9,6 +9,7 @@
 //! 3/4 of its length. Order of new faces: first one inside each old face; then one across each old edge (across a border edge it has two
 //! inner vertices and two on the border); then one around each old vertex (around a border vertex it has two vertices on the border).
 
+use maquette_node::Error;
 use std::sync::Arc;
 
 use maquette_base::linear::weighted_mean::WeightedMean;
@@ -22,8 +23,8 @@ use super::connectivity::Connectivity;
 use super::dual_halves::{DualFaces, FinerHalves, Rings};
 use super::half_edges::{HalfEdges, NONE, Ring};
 use super::topology::Topology;
+use crate::Boundary;
 use crate::masks::roots_of_unity::{root_of_unity, roots_of_unity};
-use crate::{Boundary, SubdivideError};
 
 /// A step of the Doo-Sabin scheme for a fixed topology.
 #[derive(Debug)]
@@ -56,7 +57,7 @@ impl Dual {
     ///
     /// # Errors
     /// If the mesh is not manifold.
-    pub(crate) fn from_topology(topology: &Topology) -> Result<Self, SubdivideError> {
+    pub(crate) fn from_topology(topology: &Topology) -> Result<Self, Error> {
         let halves = search_half_edges(&topology.faces, topology.vertices)?;
         Ok(Self::new(halves, topology.rules.boundary))
     }
@@ -65,7 +66,7 @@ impl Dual {
     ///
     /// # Errors
     /// If the mesh is not manifold.
-    pub(crate) fn next(&self) -> Result<Self, SubdivideError> {
+    pub(crate) fn next(&self) -> Result<Self, Error> {
         Ok(Self::new(self.finer_halves()?, self.boundary))
     }
 
@@ -73,7 +74,7 @@ impl Dual {
     ///
     /// # Errors
     /// If the refined mesh is not manifold.
-    pub(crate) fn finer_halves(&self) -> Result<FinerHalves, SubdivideError> {
+    pub(crate) fn finer_halves(&self) -> Result<FinerHalves, Error> {
         let (vertices, faces) = (self.n_finer(), &self.finer);
         if self.has_pairs {
             return search_half_edges(faces, vertices);
@@ -315,7 +316,7 @@ impl Dual {
 }
 
 /// Computes the half-edges of arbitrary faces by searching for shared edges.
-fn search_half_edges(faces: &Faces, vertices: usize) -> Result<FinerHalves, SubdivideError> {
+fn search_half_edges(faces: &Faces, vertices: usize) -> Result<FinerHalves, Error> {
     let (mesh, starts) = Connectivity::new(faces, vertices)?;
     Ok(FinerHalves { mesh, starts, rings: Rings::default() })
 }

@@ -13,6 +13,7 @@
 //! variants of the mask function were slower: inlined into the loop it takes a third more time, and if it returns its tangents through
 //! memory the loop has to wait for them.
 
+use maquette_node::{Error, bail};
 use std::hint::black_box;
 use std::iter;
 use std::ops::Range;
@@ -26,7 +27,6 @@ use super::connectivity::Connectivity;
 use super::half_edges::{HalfEdges, NONE, Ring};
 use super::split::{Corners, Split, Triangles, split_halves};
 use super::topology::Topology;
-use crate::SubdivideError;
 use crate::masks::sharpness::Sharpness;
 use crate::rules::Rules;
 use crate::scheme::PrimalScheme;
@@ -57,10 +57,7 @@ impl Level {
     ///
     /// # Errors
     /// If the scheme needs triangles and a face is not a triangle, or the mesh is not manifold.
-    pub(crate) fn from_topology(
-        topology: &Topology,
-        scheme: PrimalScheme,
-    ) -> Result<Self, SubdivideError> {
+    pub(crate) fn from_topology(topology: &Topology, scheme: PrimalScheme) -> Result<Self, Error> {
         let rules = topology.rules.with_scheme(scheme);
         if rules.scheme.needs_triangles() {
             check_triangles(&topology.faces)?;
@@ -429,12 +426,15 @@ pub(crate) fn creases(topology: &Topology, mesh: &Connectivity) -> Vec<(u32, f64
     edges.filter(|(_, sharpness)| *sharpness > 0.0).collect()
 }
 
-pub(crate) fn check_triangles(faces: &Faces) -> Result<(), SubdivideError> {
+pub(crate) fn check_triangles(faces: &Faces) -> Result<(), Error> {
     if faces.sides() == Some(3) {
         return Ok(());
     }
     match (0..faces.len()).find(|&face| faces.face(face).len() != 3) {
-        Some(face) => Err(SubdivideError::NotTriangles { face, corners: faces.face(face).len() }),
+        Some(face) => bail!(
+            "face {face} has {} corners, but Loop's scheme needs triangles",
+            faces.face(face).len()
+        ),
         None => Ok(()),
     }
 }

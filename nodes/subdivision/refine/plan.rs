@@ -1,6 +1,6 @@
 //! Subdivision plans: the part of a subdivision that depends only on the topology.
 
-use maquette_node::{CancelledError, Limit as Most, Progress};
+use maquette_node::{CancelledError, Error, Limit as Most, Progress, bail};
 use maquette_value::Value;
 use maquette_value::{Attribute, Mesh};
 
@@ -15,7 +15,6 @@ use crate::boundary::Boundary;
 use crate::corners::Corners;
 use crate::limit::limit_rows::Limit;
 use crate::options::Subdivision;
-use crate::subdivide_error::SubdivideError;
 
 /// The maximum number of corners of a result: enough for about 90 million triangles, which need about 6 GB with their plan.
 const MAX_CORNERS: Most = Most { max: 1 << 28, items: "corners", help: "choose fewer `levels`" };
@@ -45,7 +44,7 @@ impl Plan {
     ///
     /// # Errors
     /// If the scheme cannot refine a face, the mesh is not manifold, or the result would be too large.
-    pub fn new(mesh: &Mesh, options: Subdivision) -> Result<Self, SubdivideError> {
+    pub fn new(mesh: &Mesh, options: Subdivision) -> Result<Self, Error> {
         Self::new_with(
             mesh,
             options,
@@ -61,12 +60,12 @@ impl Plan {
     }
 
     /// Creates the plan like [`Self::new`]; `step` and `limit` create (or look up) its parts.
-    pub(crate) fn new_with<E: From<SubdivideError>>(
+    pub(crate) fn new_with(
         mesh: &Mesh,
         options: Subdivision,
-        mut step: impl FnMut(PreviousStep<'_>) -> Result<Step, E>,
-        limit: impl FnOnce(PreviousStep<'_>) -> Result<EndLimit, E>,
-    ) -> Result<Self, E> {
+        mut step: impl FnMut(PreviousStep<'_>) -> Result<Step, Error>,
+        limit: impl FnOnce(PreviousStep<'_>) -> Result<EndLimit, Error>,
+    ) -> Result<Self, Error> {
         check_size(mesh, options.levels)?;
         let topology = Topology::from_mesh(mesh, options);
         let mut steps: Vec<Step> = Vec::with_capacity(options.levels as usize);
@@ -84,7 +83,7 @@ impl Plan {
     ///
     /// # Errors
     /// If the topology of `mesh` is not that of the plan, or a position becomes infinite.
-    pub fn apply(&self, mesh: &Mesh) -> Result<Mesh, SubdivideError> {
+    pub fn apply(&self, mesh: &Mesh) -> Result<Mesh, Error> {
         self.apply_within(mesh, &Progress::silent())
     }
 
@@ -92,11 +91,7 @@ impl Plan {
     ///
     /// # Errors
     /// If the topology of `mesh` is not that of the plan, a position becomes infinite, or the evaluation is cancelled.
-    pub(crate) fn apply_within(
-        &self,
-        mesh: &Mesh,
-        progress: &Progress<'_>,
-    ) -> Result<Mesh, SubdivideError> {
+    pub(crate) fn apply_within(&self, mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, Error> {
         let Self { options, steps, limit, .. } = self;
         self.check(mesh)?;
         let mut refined = apply(mesh, steps, progress)?;
@@ -163,12 +158,12 @@ impl Plan {
     ///
     /// # Errors
     /// If the topology of `mesh` is not that of the plan.
-    pub fn moving_vertices(&self, mesh: &Mesh) -> Result<MovingVertices<'_>, SubdivideError> {
+    pub fn moving_vertices(&self, mesh: &Mesh) -> Result<MovingVertices<'_>, Error> {
         self.check(mesh)?;
         Ok(MovingVertices::new(&self.steps, mesh.positions()))
     }
 
-    fn check(&self, mesh: &Mesh) -> Result<(), SubdivideError> {
+    fn check(&self, mesh: &Mesh) -> Result<(), Error> {
         let topology = &self.topology;
         if mesh.positions().len() == topology.vertices
             && *mesh.faces() == topology.faces
@@ -176,7 +171,7 @@ impl Plan {
         {
             return Ok(());
         }
-        Err(SubdivideError::OtherTopology)
+        bail!("the plan was made for a mesh with another topology")
     }
 }
 
@@ -184,11 +179,7 @@ impl Plan {
 ///
 /// # Errors
 /// If a position becomes infinite, or the evaluation is cancelled.
-pub(crate) fn apply(
-    mesh: &Mesh,
-    steps: &[Step],
-    progress: &Progress<'_>,
-) -> Result<Mesh, SubdivideError> {
+pub(crate) fn apply(mesh: &Mesh, steps: &[Step], progress: &Progress<'_>) -> Result<Mesh, Error> {
     let Some((first, later)) = steps.split_first() else {
         return Ok(mesh.clone());
     };
@@ -268,7 +259,7 @@ pub(crate) fn bytes(mesh: &Mesh, options: Subdivision) -> f64 {
     corners_after(mesh, levels) * (plain + extra) + attributes
 }
 
-fn check_size(mesh: &Mesh, levels: u32) -> Result<(), SubdivideError> {
+fn check_size(mesh: &Mesh, levels: u32) -> Result<(), Error> {
     let need = corners_after(mesh, levels);
     Ok(MAX_CORNERS.check(format_args!("a mesh of {levels} levels more"), need)?)
 }

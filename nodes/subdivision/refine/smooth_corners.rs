@@ -1,5 +1,6 @@
 //! Smooth corner data: the mesh is cut at the seams, and the data are refined by the rules of the scheme, like positions.
 
+use maquette_node::Error;
 use maquette_value::{Attribute, Faces, Mesh};
 use nalgebra::Point3;
 
@@ -10,7 +11,6 @@ use super::topology::Topology;
 use crate::boundary::Boundary;
 use crate::options::Subdivision;
 use crate::rules::Rules;
-use crate::subdivide_error::SubdivideError;
 
 /// Recomputes the corner data of `refined`, the refinement of `mesh`, by the rules in `options`.
 ///
@@ -20,7 +20,7 @@ pub(crate) fn smooth_corners(
     mesh: &Mesh,
     options: Subdivision,
     mut refined: Mesh,
-) -> Result<Mesh, SubdivideError> {
+) -> Result<Mesh, Error> {
     let (connectivity, _) = Connectivity::new(mesh.faces(), mesh.positions().len())?;
     for (name, attribute) in mesh.corner().iter().filter(|(name, _)| *name != "normal") {
         let attribute = match attribute {
@@ -51,7 +51,7 @@ fn refine_data(
     connectivity: &Connectivity,
     old: &[[f64; 3]],
     options: Subdivision,
-) -> Result<Vec<[f64; 3]>, SubdivideError> {
+) -> Result<Vec<[f64; 3]>, Error> {
     let (corners, firsts) = cut(connectivity, old);
     let mut positions: Vec<Point3<f64>> =
         firsts.iter().map(|&corner| old[corner as usize].into()).collect();
@@ -74,7 +74,7 @@ fn topology(
     corners: Vec<u32>,
     vertices: usize,
     options: Subdivision,
-) -> Result<Topology, SubdivideError> {
+) -> Result<Topology, Error> {
     let boundary = match options.boundary {
         Boundary::None => Boundary::EdgeOnly,
         boundary => boundary,

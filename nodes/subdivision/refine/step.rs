@@ -16,7 +16,6 @@ use super::doo_sabin::Dual;
 use super::level::Level;
 use super::primal::Primal;
 use super::topology::Topology;
-use crate::SubdivideError;
 use crate::limit::finer_dual_limit::FinerDualLimit;
 use crate::limit::finer_limit::FinerLimit;
 
@@ -58,7 +57,7 @@ impl Step {
     ///
     /// # Errors
     /// If the scheme cannot refine a face, or the mesh is not manifold.
-    pub(crate) fn from_topology(topology: &Topology) -> Result<Self, SubdivideError> {
+    pub(crate) fn from_topology(topology: &Topology) -> Result<Self, Error> {
         let rules = match topology.rules.scheme.primal() {
             None => Kind::Dual(Dual::from_topology(topology)?.into()),
             Some(scheme) => {
@@ -70,14 +69,14 @@ impl Step {
 
     /// Performs [`Self::from_topology`] with the signature that [`maquette_node::Context::memo`] requires.
     pub(crate) fn memo_first(topology: &Topology) -> Result<Self, Error> {
-        Ok(Self::from_topology(topology)?)
+        Self::from_topology(topology)
     }
 
     /// Computes the next step.
     ///
     /// # Errors
     /// If the refined mesh is not manifold.
-    pub(crate) fn next(&self) -> Result<Self, SubdivideError> {
+    pub(crate) fn next(&self) -> Result<Self, Error> {
         let rules = match &self.rules {
             Kind::Primal(step) => Kind::Primal(Primal::new(step.next().into()).into()),
             Kind::Dual(step) => Kind::Dual(step.next()?.into()),
@@ -87,7 +86,7 @@ impl Step {
 
     /// Performs [`Self::next`] with the signature that [`maquette_node::Context::memo`] requires.
     pub(crate) fn memo_next(&self) -> Result<Self, Error> {
-        Ok(self.next()?)
+        self.next()
     }
 
     /// Returns the step as a primal step; `None` if the scheme is dual.
@@ -199,7 +198,7 @@ impl LastLimit {
     ///
     /// # Errors
     /// If the refined mesh is not manifold.
-    pub(crate) fn new(step: &Step) -> Result<Self, SubdivideError> {
+    pub(crate) fn new(step: &Step) -> Result<Self, Error> {
         let limit = match &step.rules {
             Kind::Primal(step) => KindOfLimit::Primal(FinerLimit::new(step.final_mesh()).into()),
             Kind::Dual(dual) => KindOfLimit::Dual(FinerDualLimit::new(dual)?.into()),
@@ -209,7 +208,7 @@ impl LastLimit {
 
     /// Performs [`Self::new`] with the signature that [`maquette_node::Context::memo`] requires.
     pub(crate) fn memo(step: &Step) -> Result<Self, Error> {
-        Ok(Self::new(step)?)
+        Self::new(step)
     }
 
     /// Updates `limit`, an earlier result of [`apply`](Self::apply), if only the limits of the vertices in `rows` have changed. Returns

@@ -16,7 +16,7 @@ use nalgebra::{Point3, Vector3};
 use super::extent::{diagonal, stray};
 use super::interpolation::{Direction, Interpolation};
 use super::record::{Record, STALL_ITERATIONS};
-use super::solution::{DivergenceError, End, Outcome, Solution};
+use super::solution::{End, Outcome, Solution};
 
 /// A foot point: the point of a curve or surface with which a given point is compared, and the perpendicular directions at the foot point.
 #[derive(Clone, Copy, Debug)]
@@ -210,9 +210,9 @@ pub(crate) fn iterate(
     let (missed, iteration, control) = best;
     let end = match stray(&control, points, sample) {
         _ if is_lost && missed > NEAR_FRACTION * record.initial_distance() => {
-            End::Diverged(DivergenceError::Missed { iteration, missed })
+            End::missed(iteration, missed)
         }
-        Some(stray) => End::Diverged(DivergenceError::from_stray(iteration, stray)),
+        Some(stray) => End::strayed(iteration, stray),
         None => End::Short,
     };
     let outcome = Outcome { control, trace: record.truncate(iteration).into_trace(), end };

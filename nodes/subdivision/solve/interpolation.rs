@@ -1,6 +1,6 @@
 //! Parameters shared by all interpolating nodes.
 
-use maquette_node::FieldError;
+use maquette_node::{Error, FieldError, bail};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -114,22 +114,12 @@ impl Interpolation {
     ///
     /// # Errors
     /// If the solver does not support the foot or the direction.
-    pub(crate) fn check(&self) -> Result<(), NonlinearError> {
+    pub(crate) fn check(&self) -> Result<(), Error> {
         match self.solver {
-            Solver::Pcg | Solver::Direct if !self.is_linear() => {
-                Err(NonlinearError { solver: self.solver })
-            }
+            solver @ (Solver::Pcg | Solver::Direct) if !self.is_linear() => bail!(
+                "solver {solver:?} solves only linear equations, which need `foot: Vertex` and `direction: Residual`; use `solver: Plain` instead"
+            ),
             _ => Ok(()),
         }
     }
-}
-
-/// The error of using a linear solver for a nonlinear problem.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "solver {solver:?} solves only linear equations, which need `foot: Vertex` and `direction: Residual`; use `solver: Plain` instead"
-)]
-pub struct NonlinearError {
-    /// The solver that was chosen.
-    pub solver: Solver,
 }

@@ -1,6 +1,8 @@
 //! The results of interpolation.
 
-use maquette_node::Context;
+use std::fmt::Display;
+
+use maquette_node::{Context, Error, bail};
 use maquette_value::Trace;
 use nalgebra::Point3;
 
@@ -15,14 +17,14 @@ pub(crate) struct Outcome {
 }
 
 /// The reason why an iteration ended.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) enum End {
     /// The distances are within the tolerance.
     Settled,
     /// The distances are still greater than the tolerance.
     Short,
-    /// The distances grew and were never small, or the curve or surface left the neighborhood of the points.
-    Diverged(DivergenceError),
+    /// The distances grew and were never small, or the curve or surface left the neighborhood of the points. Holds the message.
+    Diverged(String),
 }
 
 impl End {
@@ -30,41 +32,22 @@ impl End {
     pub(crate) fn new(settled: bool) -> Self {
         if settled { Self::Settled } else { Self::Short }
     }
-}
 
-/// The error of a diverging iteration.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum DivergenceError {
-    /// The distances do not decrease.
-    #[error(
-        "the iteration diverged: at its best, after {iteration} iterations, the largest distance from a point is {missed:.3e} mm; increase `iterations`, or \
-         use `foot: Vertex` with `direction: Residual`"
-    )]
-    Missed {
-        /// The iteration after which the distance was smallest.
-        iteration: u32,
-        /// The largest distance after this iteration, in mm.
-        missed: f64,
-    },
-    /// The curve or surface is farther from the points than the size of their bounding box.
-    #[error(
-        "the iteration diverged: after {iteration} iterations the result is {distance:.3e} mm away from the points, whose bounding box has a \
-         diagonal of {diagonal:.3e} mm; increase `iterations`, or use `foot: Vertex` with `direction: Residual`"
-    )]
-    Strayed {
-        /// The number of iterations after which the distance was measured.
-        iteration: u32,
-        /// The largest distance between the curve or surface and the bounding box after this iteration, in mm.
-        distance: f64,
-        /// The diagonal of the bounding box, in mm.
-        diagonal: f64,
-    },
-}
+    /// Returns the end of an iteration whose distances do not decrease. `missed` is the largest distance after the iteration with the number
+    /// `iteration`, the best one, in mm.
+    pub(crate) fn missed(iteration: u32, missed: f64) -> Self {
+        Self::Diverged(format!(
+            "the iteration diverged: at its best, after {iteration} iterations, the largest distance from a point is {missed:.3e} mm; \
+             increase `iterations`, or use `foot: Vertex` with `direction: Residual`"
+        ))
+    }
 
-impl DivergenceError {
-    /// Returns the error for a curve or surface that was too far from its points after `iteration` iterations.
-    pub(crate) fn from_stray(iteration: u32, Stray { distance, diagonal }: Stray) -> Self {
-        Self::Strayed { iteration, distance, diagonal }
+    /// Returns the end of an iteration whose curve or surface was too far from its points after `iteration` iterations.
+    pub(crate) fn strayed(iteration: u32, Stray { distance, diagonal }: Stray) -> Self {
+        Self::Diverged(format!(
+            "the iteration diverged: after {iteration} iterations the result is {distance:.3e} mm away from the points, whose bounding box \
+             has a diagonal of {diagonal:.3e} mm; increase `iterations`, or use `foot: Vertex` with `direction: Residual`"
+        ))
     }
 }
 
@@ -90,16 +73,19 @@ impl Outcome {
     /// Converts the control points to a mesh, curve or surface by `shape`.
     ///
     /// # Errors
-    /// If the iteration diverged, or `shape` fails.
-    pub(crate) fn try_map<T, E: From<DivergenceError>>(
+    /// If the iteration diverged, or `shape` fails because a control point became infinite.
+    pub(crate) fn try_map<T, E: Display>(
         self,
         shape: impl FnOnce(Vec<Point3<f64>>) -> Result<T, E>,
-    ) -> Result<InterpolationResult<T>, E> {
-        if let End::Diverged(error) = self.end {
-            return Err(error.into());
+    ) -> Result<InterpolationResult<T>, Error> {
+        let settled = match self.end {
+            End::Diverged(message) => return Err(Error::new(message)),
+            end => end == End::Settled,
+        };
+        match shape(self.control) {
+            Ok(shape) => Ok(InterpolationResult { shape, trace: self.trace, settled }),
+            Err(error) => bail!("the iteration diverged: {error}"),
         }
-        let settled = self.end == End::Settled;
-        Ok(InterpolationResult { shape: shape(self.control)?, trace: self.trace, settled })
     }
 }
 

@@ -442,25 +442,22 @@ fn a_seam_keeps_both_of_its_texture_coordinates() {
 
 #[test]
 fn polygons_and_non_manifold_meshes_are_errors() {
-    fn error(mesh: &Mesh) -> SubdivideError {
-        subdivide(mesh, options(1, false, Boundary::EdgeOnly)).unwrap_err()
+    fn error(mesh: &Mesh) -> String {
+        subdivide(mesh, options(1, false, Boundary::EdgeOnly)).unwrap_err().to_string()
     }
     let points = vec![Point3::origin(); 7];
     let mixed = Faces::polygons(&[3, 4], vec![0, 1, 2, 0, 2, 3, 4]).unwrap();
     assert_eq!(
         error(&Mesh::new(points, mixed).unwrap()),
-        SubdivideError::NotTriangles { face: 1, corners: 4 }
+        "face 1 has 4 corners, but Loop's scheme needs triangles"
     );
     let three = error(&scattered_mesh(vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]));
-    assert!(
-        matches!(&three, SubdivideError::NonManifold { edges, vertices } if edges == &[[0, 1]] && vertices.is_empty())
-    );
+    let expected = "the mesh is not a surface: 1 edges have more than two faces or faces that disagree about their side: (0, 1)";
+    assert_eq!(three, expected);
     let turned = error(&scattered_mesh(vec![[0, 1, 2], [0, 1, 3]]));
-    assert!(matches!(turned, SubdivideError::NonManifold { edges, .. } if edges.len() == 1));
+    assert_eq!(turned, expected);
     let bow_tie = error(&scattered_mesh(vec![[0, 1, 2], [0, 3, 4]]));
-    assert!(
-        matches!(&bow_tie, SubdivideError::NonManifold { edges, vertices } if edges.is_empty() && vertices == &[0])
-    );
+    assert_eq!(bow_tie, "the mesh is not a surface: 1 vertices join fans of faces: 0");
 }
 
 #[test]

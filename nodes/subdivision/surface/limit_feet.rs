@@ -3,6 +3,7 @@
 //! The surface is evaluated exactly, with derivatives, and not approximated by a mesh.
 
 use maquette_base::linear::stencils::Stencils;
+use maquette_node::Error;
 use maquette_value::parallel::*;
 use maquette_value::{Faces, Mesh};
 use nalgebra::{Point3, Vector3};
@@ -19,7 +20,7 @@ use crate::refine::primal::Primal;
 use crate::refine::topology::Topology;
 use crate::scheme::PrimalScheme;
 use crate::solve::geometric::{FootPoint, Perpendicular};
-use crate::{LimitPoint, LimitSurface, Scheme, SubdivideError, Subdivision};
+use crate::{LimitPoint, LimitSurface, Scheme, Subdivision};
 
 /// Returns the foot points if the foot point of each vertex is the limit point of its own control point. The normal at a foot point is
 /// computed only if `facing` is given and the vertex is not marked in `own`.
@@ -78,7 +79,7 @@ impl<'a> ClosestFeet<'a> {
         mesh: &'a Mesh,
         options: Subdivision,
         own: &'a Stencils,
-    ) -> Result<Self, SubdivideError> {
+    ) -> Result<Self, Error> {
         let (points, faces) = (mesh.positions(), mesh.faces());
         let (halves, starts) = Connectivity::new(faces, points.len())?;
         let surface = match options.scheme {
@@ -154,7 +155,7 @@ struct Dual {
 impl Shape {
     /// Creates the limit surface of the Doo-Sabin scheme. Its parts are connected in the same way as the quads that a Catmull-Clark step
     /// makes.
-    fn dual(mesh: &Mesh, options: Subdivision, starts: &[u32]) -> Result<Self, SubdivideError> {
+    fn dual(mesh: &Mesh, options: Subdivision, starts: &[u32]) -> Result<Self, Error> {
         let bare = Mesh::new(mesh.positions().clone(), mesh.faces().clone())?;
         let options = Subdivision { scheme: Scheme::CatmullClark, ..options };
         let level =

@@ -8,6 +8,7 @@
 //! result equals that of Stam's eigenvector method ("Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter values",
 //! 1998), but needs no tables and also supports creases.
 
+use maquette_node::{Error, bail};
 use std::sync::Arc;
 
 use maquette_value::{Faces, Mesh};
@@ -18,6 +19,7 @@ use super::limit_point::LimitPoint;
 use super::piece::Piece;
 use super::smooth_quad::SmoothQuad;
 use super::smooth_triangle::{MAX_VALENCE, SmoothTriangle, scale_jet};
+use crate::Subdivision;
 use crate::refine::connectivity::Connectivity;
 use crate::refine::half_edges::HalfEdges;
 use crate::refine::level::Level;
@@ -25,7 +27,6 @@ use crate::refine::primal::Primal;
 use crate::refine::topology::Topology;
 use crate::rules::Rules;
 use crate::scheme::PrimalScheme;
-use crate::{SubdivideError, Subdivision};
 
 /// The maximum number of refinement steps. After so many halvings, floating-point numbers cannot distinguish positions near a corner.
 const MAX_DEPTH: usize = 40;
@@ -57,8 +58,10 @@ impl LimitSurface {
     ///
     /// # Errors
     /// If the scheme cannot refine a face, or is [`Scheme::DooSabin`](crate::Scheme::DooSabin), or the mesh is not manifold.
-    pub fn new(mesh: &Mesh, options: Subdivision) -> Result<Self, SubdivideError> {
-        let rules = options.rules().primal().ok_or(SubdivideError::NoPatches)?;
+    pub fn new(mesh: &Mesh, options: Subdivision) -> Result<Self, Error> {
+        let rules = options.rules().primal().ok_or_else(|| {
+            Error::new("the surface of Doo and Sabin has patches over vertices, not over faces")
+        })?;
         let first = Level::from_topology(&Topology::from_mesh(mesh, options), rules.scheme)?;
         let mut steps = vec![Primal::new(first.into())];
         if rules.scheme.has_middles() && mesh.faces().sides() != Some(4) {
@@ -75,9 +78,9 @@ impl LimitSurface {
     ///
     /// # Errors
     /// If the number of control points differs from that of the surface.
-    pub fn with_control_points(&self, control: &[Point3<f64>]) -> Result<Self, SubdivideError> {
+    pub fn with_control_points(&self, control: &[Point3<f64>]) -> Result<Self, Error> {
         if control.len() != self.frame.steps[0].level.mesh.vertices {
-            return Err(SubdivideError::OtherTopology);
+            bail!("the plan was made for a mesh with another topology");
         }
         Ok(Self { frame: self.frame.clone(), points: self.frame.points(control) })
     }

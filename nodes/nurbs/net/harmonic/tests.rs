@@ -3,6 +3,7 @@
 use super::*;
 use crate::control_net::tests::{range, region};
 use crate::control_net::{NetMethod, control_net};
+use maquette_node::Error;
 
 const HARMONIC: NetMethod = NetMethod::Harmonic { corners: None };
 
@@ -101,7 +102,7 @@ fn given_corners_are_the_corners_of_the_net() {
         corners: [[usize; 2]; 4],
         rectangle: &Region,
         range: &RangeImage,
-    ) -> Result<maquette_value::ControlNet, NetError> {
+    ) -> Result<maquette_value::ControlNet, Error> {
         let method = NetMethod::Harmonic { corners: Some(corners) };
         control_net(rectangle, range, method, 7, 5, &Progress::silent())
     }
@@ -132,23 +133,17 @@ fn given_corners_are_the_corners_of_the_net() {
         control_net(&rectangle, &range, HARMONIC, 7, 5, &Progress::silent()).unwrap()
     );
 
-    let off = NetError::CornerOff { corner: [12, 8], nearest: [12, 3] };
-    assert_eq!(
-        net_with_corners([[5, 3], [5, 14], [20, 14], [12, 8]], &rectangle, &range),
-        Err(off)
-    );
-    assert!(matches!(
-        net_with_corners([[usize::MAX; 2]; 4], &rectangle, &range),
-        Err(NetError::CornerOff { .. })
-    ));
-    assert_eq!(
-        net_with_corners([[5, 3], [20, 3], [20, 14], [5, 14]], &rectangle, &range),
-        Err(NetError::CornerOrder)
-    );
-    assert_eq!(
-        net_with_corners([[5, 3], [5, 3], [20, 14], [20, 3]], &rectangle, &range),
-        Err(NetError::CornerOrder)
-    );
+    let off = "corner (12, 8) is not on the region's contour: the nearest cell there is (12, 3)";
+    let order = "the corners do not follow each other counter-clockwise along the region's contour";
+    for (corners, expected) in [
+        ([[5, 3], [5, 14], [20, 14], [12, 8]], off),
+        ([[usize::MAX; 2]; 4], "is not on the region's contour"),
+        ([[5, 3], [20, 3], [20, 14], [5, 14]], order),
+        ([[5, 3], [5, 3], [20, 14], [20, 3]], order),
+    ] {
+        let error = net_with_corners(corners, &rectangle, &range).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
 }
 
 #[test]
@@ -165,10 +160,10 @@ fn spikes_get_the_position_of_their_base_cell_and_parts_are_refused() {
         chart_coordinates[spiked.find(2 * 16 + x).unwrap()]
     }
     assert_eq!(position(9, &spiked, &chart.coordinates), position(7, &spiked, &chart.coordinates));
-    fn error(region: &Region, range: &RangeImage) -> NetError {
-        control_net(region, range, HARMONIC, 0, 0, &Progress::silent()).unwrap_err()
+    fn error(region: &Region, range: &RangeImage) -> String {
+        control_net(region, range, HARMONIC, 0, 0, &Progress::silent()).unwrap_err().to_string()
     }
-    assert_eq!(error(&region(&range, |x, _| !(4..=9).contains(&x)), &range), NetError::Parts);
-    let line = NetError::DegenerateRegion { rows: 1, columns: 9 };
+    assert_eq!(error(&region(&range, |x, _| !(4..=9).contains(&x)), &range), PARTS);
+    let line = "the region has 1 rows and 9 columns of cells, too few for a surface";
     assert_eq!(error(&region(&range, |x, y| y == 4 && x < 9), &range), line);
 }

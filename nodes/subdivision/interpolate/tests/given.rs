@@ -180,12 +180,13 @@ fn an_unsolvable_problem_is_an_error_without_extreme_control_points() {
                         let off = off.map(|off| off.norm()).fold(0.0, f64::max);
                         assert!(off <= (high - low).norm(), "{foot:?} {direction:?} {off}");
                     }
-                    Err(
-                        InterpolateError::Diverged(_) | InterpolateError::NotInterpolable { .. },
-                    ) => {
+                    Err(error) => {
+                        let error = error.to_string();
+                        let is_refused = error.starts_with("the iteration diverged: a")
+                            || error.starts_with("no control mesh of this connectivity");
+                        assert!(is_refused, "{error}");
                         refused += 1;
                     }
-                    Err(error) => panic!("{error}"),
                 }
             }
         }
