@@ -69,7 +69,7 @@ impl Region {
     /// Returns for each position of a scan true if it is inside the region. A cell without a point is never inside.
     ///
     /// # Errors
-    /// If the bounds of the box or the depth are exchanged, the normal is zero, or there is no such attribute.
+    /// Returns an error if a minimum of the box or the depth is above its maximum, the normal is zero, or the scan has no such attribute.
     pub fn contains_each(&self, scan: &Scan) -> Result<Vec<bool>, Error> {
         fn test_positions(
             is_in: &dyn Fn(&Point3<f64>) -> bool,
