@@ -82,8 +82,8 @@ impl PartialEq for Merging {
 
 impl Eq for Merging {}
 
-/// Weight of a long border relative to bent faces. With it, the rounder result is preferred if the clusters meet at an angle of up to about
-/// 16 degrees.
+/// Weight of the squared border length of a merged cluster, relative to the deviation of its normals. With this weight, the rounder result
+/// is preferred if the clusters meet at an angle of up to about 16 degrees.
 const ROUNDNESS: f64 = 0.01;
 
 /// Returns the faces of each chart, in ascending order. `flatness` is the minimum ratio of a chart's area projected along its mean normal
