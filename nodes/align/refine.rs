@@ -78,8 +78,7 @@ const MIN_EIGENVALUE: f64 = 1e-3;
 /// motions of all scans are unknowns of one system of equations, so errors do not accumulate from scan to scan: Krishnan, Lee, Moore and
 /// Venkatasubramanian, "Global registration of multiple 3D point sets via optimization-on-a-manifold" (2005). Degrees of freedom that the
 /// matches do not determine are left out: Gelfand, Ikemoto, Rusinkiewicz and Levoy, "Geometrically stable sampling for the ICP algorithm"
-/// (2003), section
-/// 3.
+/// (2003), section 3.
 pub(super) fn refine(
     level: &Level,
     mut poses: Vec<Isometry3<f64>>,

@@ -32,7 +32,7 @@ pub(crate) use pointing::mesh_of;
 /// Timeout for answers; only a failing test waits this long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A watch with a live page.
+/// A process that watches a graph and serves its live page.
 pub(crate) struct Server {
     pub(crate) watch: Watch,
     /// The server's address: 127.0.0.1 and the port.
@@ -86,7 +86,7 @@ impl Server {
         self.socket(&self.host, &origin, &self.token).unwrap()
     }
 
-    /// Opens a WebSocket with these headers, or returns the status of the refusal.
+    /// Opens a WebSocket with these headers, or returns the HTTP status of the refusal.
     fn socket(&self, host: &str, origin: &str, token: &str) -> Result<Page, u16> {
         let mut request = format!("ws://{}/socket", self.host).into_client_request().unwrap();
         fn set(name: &'static str, value: &str, request: &mut tungstenite::http::Request<()>) {
