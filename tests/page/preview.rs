@@ -469,8 +469,8 @@ fn memory(process: u32) -> usize {
 #[test]
 fn a_page_that_never_reads_stalls_nobody_and_fills_no_memory() {
     let project = Project::doll();
-    // Makes the messages to the page large by a long description of the graph, which is sent at each change. Large values would also do
-    // this, but their results (7 MB for each change) would be kept and would count as memory of the page.
+    // A long description of the graph, which is sent at each change, makes the messages to the page large. Large values would do this, too,
+    // but the server keeps results (7 MB for each change), which would count as memory of the page.
     let words = "many words. ".repeat(1 << 17);
     fn save(index: usize, project: &Project, words: &str) {
         let text = project.doll_text(12.0).replacen("doc: \"", &format!("doc: \"{words}"), 1);

@@ -13,7 +13,8 @@ use rayon::ThreadPool;
 /// Interval at which the calling thread checks for signals while it waits for another thread.
 pub(crate) const LOOK: Duration = Duration::from_millis(20);
 
-/// The thread pools of a process. A forked child needs its own thread pools, because the threads of its parent do not exist in the child.
+/// The thread pools of a process. A forked child needs its own thread pools: the threads of its parent do not exist in the child, so the
+/// parent's pools would never do any work.
 struct Workers {
     process: u32,
     /// The thread pool for work on values.
