@@ -93,7 +93,7 @@ impl Layout {
     }
 }
 
-/// A mesh with texture coordinates.
+/// A mesh with new texture coordinates, and the size of their layout.
 #[derive(Clone, Debug)]
 pub struct LaidOut {
     /// The mesh with `uv` at its corners, and without a texture, which would no longer fit.

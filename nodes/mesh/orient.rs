@@ -88,8 +88,8 @@ pub struct OrientedMesh {
 /// Orients the faces of a mesh by the rule `outside`. The cost grows with the number of faces, and with the number of parts inside the
 /// bounding boxes of other parts.
 ///
+/// # Errors
 /// Returns an error if a part has only one side, as a Moebius strip has, or the sensor is unknown.
-/// Returns an error if a part has only one side, or the sensor is unknown.
 pub fn orient(mesh: &Mesh, outside: Outside) -> Result<OrientedMesh, Error> {
     if outside == Outside::Flip {
         let mesh = flip_faces(mesh, &vec![true; mesh.faces().len()])?;

@@ -103,8 +103,8 @@ const MIN_MESH_SAMPLES: usize = 20_000;
 
 /// Finds the plane of rank `rank` in a scan. A point belongs to the plane if it is at most `distance` mm away from it.
 ///
+/// # Errors
 /// Returns an error if the scan has fewer than `rank` planes.
-/// If there is no such plane.
 pub fn dominant_plane(scan: &Scan, distance: f64, rank: u32) -> Result<PlaneInScan, Error> {
     let points = sample_points(scan);
     let mut left = points.clone();

@@ -162,7 +162,7 @@ fn numbers(attribute: &Attribute) -> Option<Vec<f64>> {
     }
 }
 
-/// Lists the names of the numeric attributes. The result is the end of a sentence that begins with "there".
+/// Lists the names of the numeric attributes, as the end of an error message that begins with "there".
 fn describe_numeric_attributes(attributes: Option<&Attributes>) -> String {
     let all = attributes.into_iter().flat_map(Attributes::iter);
     let names = all.filter(|(_, it)| numbers(it).is_some()).map(|(name, _)| format!("`{name}`"));

@@ -236,7 +236,7 @@ impl ImageDifference {
     }
 }
 
-/// Returns the mean of each channel in each block.
+/// Returns the mean of each channel in each block of a picture.
 fn means(image: &Image) -> Vec<f64> {
     let columns = image.width().div_ceil(BLOCK);
     let mut means = vec![0.0; 3 * columns * image.height().div_ceil(BLOCK)];

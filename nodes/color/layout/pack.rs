@@ -360,7 +360,7 @@ fn runs(rows: &[Row]) -> Vec<Run> {
     runs
 }
 
-/// Returns the runs of a piece after some quarter rotations.
+/// Returns the runs of a piece that is rotated by `turn` quarters of a full rotation, counter-clockwise.
 fn rotate(own: &[Run], [width, height]: [usize; 2], turn: usize) -> Vec<Run> {
     match turn {
         0 => own.to_vec(),

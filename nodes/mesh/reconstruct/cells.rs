@@ -38,7 +38,7 @@ impl Cube {
         coordinates.map(|x| (x.floor() as i32).clamp(0, last))
     }
 
-    /// Returns the point at coordinates in units of the cells at a depth.
+    /// Converts coordinates in units of the cells at a depth to a point in mm.
     pub(super) fn point(&self, coordinates: [f64; 3], depth: u32) -> Point3<f64> {
         let edge = self.edge_at(depth);
         Point3::from([0, 1, 2].map(|axis| self.corner[axis] + coordinates[axis] * edge))

@@ -64,7 +64,7 @@ fn push_edges(
     }
 }
 
-/// Orients the surfels that the cheapest edges reach, and returns them.
+/// Propagates the orientation along the cheapest edges of the queue, and returns the surfels that it reaches.
 fn propagate(
     surfels: &mut [Surfel],
     neighbors: &Lists,

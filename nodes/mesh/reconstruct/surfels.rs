@@ -184,7 +184,7 @@ impl Pyramid {
         (best.0, best.2.sqrt() * self.cube.edge)
     }
 
-    /// Returns two medians over the planes of a depth: of the fraction of variance perpendicular to the plane, and of that variance, in
+    /// Fits planes to neighborhoods at a depth. Returns the median of their flatness, and the median variance perpendicular to a plane, in
     /// squared finest cells. Returns `None` if most positions have no plane.
     fn flatness(&self, depth: u32) -> Option<[f64; 2]> {
         let layer = self.finest();
