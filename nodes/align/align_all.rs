@@ -138,7 +138,7 @@ pub fn align_all(
 }
 
 impl Turntable {
-    /// Returns the poses of the scans that follow from the turntable's axis; `None` if no axis is given.
+    /// Returns the pose of each scan, computed from the turntable's axis and angle; `None` if no axis is given.
     fn poses(&self, count: usize) -> Result<Option<Vec<Isometry3<f64>>>, Error> {
         if !(-180.0..=180.0).contains(&self.angle) {
             bail!("`angle` is {}, expected from -180 to 180 degrees", self.angle);

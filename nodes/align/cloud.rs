@@ -1,4 +1,4 @@
-//! The form to which all scans are converted for registration: points with normals, and flags that mark the rim of the surface.
+//! The form to which all scans are converted for registration: points with normals, and flags that mark the border of the surface.
 
 use std::collections::{BTreeSet, BinaryHeap};
 
@@ -10,13 +10,13 @@ use maquette_value::parallel::*;
 use maquette_value::{Mesh, RangeImage};
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
-/// Points with normals and rim flags.
+/// A point cloud with normals, and with flags that mark the border of the surface.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cloud {
     pub(super) positions: Vec<Point3<f64>>,
     /// Unit normals of the points.
     pub(super) normals: Vec<Vector3<f64>>,
-    /// Marks the points at the rim of the surface.
+    /// For each point, true if it is at the border of the surface.
     pub(super) rim: Vec<bool>,
     /// The distance between neighboring points, in mm. After sampling this is the edge of the sampling grid.
     pub(super) spacing: f64,
@@ -35,8 +35,8 @@ impl Cloud {
         scans.iter().zip(1..).map(|(scan, number)| Self::from_scan(scan, number)).collect()
     }
 
-    /// Converts a scan to a cloud. `number` is the number of the scan, from 1, for error messages. Normals and rim flags are computed from
-    /// the faces; without faces they are estimated from neighboring points.
+    /// Converts a scan to a cloud. `number` is the number of the scan, from 1, for error messages. Normals and border flags are computed
+    /// from the faces; without faces they are estimated from neighboring points.
     fn from_scan(scan: &Scan, number: usize) -> Result<Self, Error> {
         let all = scan.positions().iter().filter(|point| !point.x.is_nan());
         let different = all.clone().map(|point| point.coords.data.0[0].map(f64::to_bits));
@@ -52,7 +52,7 @@ impl Cloud {
                 "scan {number} is too small, too large or too far from the origin: its bounding box has a diagonal of {size:e} mm"
             );
         }
-        // If the range image has no camera, the sensor position is unknown, because the grid may have been moved.
+        // If the range image has no camera, the position of the sensor is unknown, because the grid may have been moved.
         fn is_seen(range: &RangeImage) -> bool {
             range.camera().is_some()
         }
@@ -161,7 +161,7 @@ impl Cloud {
         for cell in cells.chunk_by(|a, b| a.0 == b.0) {
             let members = cell.iter().map(|&(_, k)| k);
             let sum = members.clone().map(|k| self.normals[k]).sum::<Vector3<f64>>();
-            // In a cell with both sides of a thin part, the normals have no meaningful mean.
+            // Skip a cell that contains both sides of a thin part: the normals in it have no meaningful mean.
             let Some(normal) = sum.try_normalize(0.3 * cell.len() as f64) else { continue };
             let middle = members.clone().map(|k| self.positions[k] - low).sum::<Vector3<f64>>()
                 / cell.len() as f64;

@@ -19,7 +19,7 @@ mod histograms;
 const SAMPLES: f64 = 1200.0;
 /// The radii of the neighborhoods that histograms describe, in multiples of the sampling grid's edge.
 const RADII: [f64; 2] = [4.0, 7.0];
-/// The number of points of the other scan, the most similar ones, that are candidates for a match.
+/// For each point, the number of points of the other scan that are candidates for a match: the most similar ones.
 const SIMILAR: usize = 3;
 /// The maximum number of matches that are compared with each other.
 const MAX_MATCHES: usize = 1200;
@@ -53,7 +53,7 @@ pub(super) fn sampling_edge(clouds: &[Cloud]) -> f64 {
 /// A sampled scan with the feature histograms of its points.
 pub(super) struct DescribedCloud {
     cloud: Cloud,
-    /// For each radius the histogram of each point; `None` near the rim of the surface.
+    /// For each radius the histogram of each point; `None` near the border of the surface.
     histograms: [Vec<Option<Histogram>>; RADII.len()],
 }
 
@@ -124,7 +124,7 @@ fn displacement(a: &Isometry3<f64>, b: &Isometry3<f64>, center: &Point3<f64>, ra
 /// The distance between two histograms, and the points to which the histograms belong: one point of the first scan and one of the second.
 type Match = (f32, [u32; 2]);
 
-/// Returns the matches: pairs in which each point is among the points most similar to the other one.
+/// Returns the matches: pairs of points, each of which is among the points most similar to the other point of the pair.
 fn matches(a: &[Option<Histogram>], b: &[Option<Histogram>]) -> Vec<Match> {
     let [to_b, to_a] = [(a, b), (b, a)].map(|(from, to)| {
         from.par_iter()
@@ -204,8 +204,8 @@ impl Correspondences {
             .collect()
     }
 
-    /// Computes a motion from match `i` and those of its compatible matches that share the most compatible matches with it. Also returns
-    /// the number of matches that agree with the motion. Returns `None` if fewer than three matches are compatible.
+    /// Computes a motion from match `i` and some of its compatible matches: those that have the most compatible matches in common with it.
+    /// Also returns the number of matches that agree with the motion. Returns `None` if fewer than three matches are compatible.
     fn motion(&self, i: usize, sets: &[Vec<u64>]) -> Option<(usize, Isometry3<f64>)> {
         let mut compatible: Vec<_> = (0..self.ends.len())
             .filter(|j| sets[i][j / 64] >> (j % 64) & 1 == 1)

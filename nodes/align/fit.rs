@@ -79,7 +79,7 @@ impl Comparison<'_> {
         }
         let (offset, other) = (at - to.positions[near], to.normals[near]);
         let height = offset.dot(&other).abs();
-        // Outside the rim of the other scan there is no surface for a comparison.
+        // Beyond the border of the other scan there is no surface for a comparison.
         if (offset.norm_squared() - height * height).sqrt() > 1.2 * edge {
             return None;
         }

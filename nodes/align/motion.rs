@@ -6,7 +6,8 @@ use maquette_scan::Scan;
 use maquette_value::{CaptureFrame, Mesh};
 use nalgebra::Matrix4;
 
-/// Moves an item. The result is in the axes of the capture with the frame `frame`; without a frame it belongs to no capture.
+/// Moves a value by a rigid motion. The result is in the axes of the capture with the frame `frame`; without a frame it belongs to no
+/// capture.
 pub(super) fn move_item(
     what: &Movable,
     motion: &Matrix4<f64>,

@@ -12,7 +12,7 @@ use nalgebra::{
 
 use super::cloud::Cloud;
 
-/// All scans, sampled by a grid.
+/// All scans, each sampled by a grid.
 pub(super) struct Level {
     pub(super) clouds: Vec<Cloud>,
     /// Half of the diagonal of the largest scan's bounding box, in mm. Multiplied by this length, rotations are comparable to translations.
@@ -72,12 +72,13 @@ const MIN_EIGENVALUE: f64 = 1e-3;
 ///
 /// For each point of a pair of scans, the nearest point of the other scan is found. The residual is their distance along the mean of both
 /// normals: Rusinkiewicz, "A symmetric objective function for ICP" (2019), equation 9; with only one of the normals this is Chen and
-/// Medioni, "Object modelling by registration of multiple range images" (1992). A point is skipped if its nearest point is at a rim or has
-/// a different normal (Turk and Levoy, "Zippered polygon meshes from range images", 1994), or if its distance is an outlier relative to the
-/// median, as in Chetverikov, Svirko, Stepanov and Krsek, "The trimmed iterative closest point algorithm" (2002). The motions of all scans
-/// are unknowns of one system of equations, so errors do not accumulate from scan to scan: Krishnan, Lee, Moore and Venkatasubramanian,
-/// "Global registration of multiple 3D point sets via optimization-on-a-manifold" (2005). Motions that the matches do not determine are not
-/// made: Gelfand, Ikemoto, Rusinkiewicz and Levoy, "Geometrically stable sampling for the ICP algorithm" (2003), section 3.
+/// Medioni, "Object modelling by registration of multiple range images" (1992). A point is skipped if its nearest point is at the border of
+/// a scan or has a different normal (Turk and Levoy, "Zippered polygon meshes from range images", 1994), or if its distance is an outlier
+/// relative to the median, as in Chetverikov, Svirko, Stepanov and Krsek, "The trimmed iterative closest point algorithm" (2002). The
+/// motions of all scans are unknowns of one system of equations, so errors do not accumulate from scan to scan: Krishnan, Lee, Moore and
+/// Venkatasubramanian, "Global registration of multiple 3D point sets via optimization-on-a-manifold" (2005). Degrees of freedom that the
+/// matches do not determine are left out: Gelfand, Ikemoto, Rusinkiewicz and Levoy, "Geometrically stable sampling for the ICP algorithm"
+/// (2003), section 3.
 pub(super) fn refine(
     level: &Level,
     mut poses: Vec<Isometry3<f64>>,

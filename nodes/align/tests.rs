@@ -131,7 +131,7 @@ fn scans_of_a_turntable_are_aligned() {
         Translation3::new(5.0, 0.0, 300.0),
         UnitQuaternion::from_scaled_axis(Vector3::new(0.3, 0.0, 0.0)),
     );
-    // The scanner's views of an object on a table that rotates backwards step by step.
+    // Scans of an object on a turntable that rotates backwards by `step` between scans.
     let truth =
         |k: usize| axis * Isometry3::rotation(Vector3::y() * (step * k as f64)) * axis.inverse();
     let scans: Vec<_> = (0..4)

@@ -77,8 +77,9 @@ enum Step {
 /// steeply in front and the other steeply behind, or a cell connected to fewer than `neighbors` neighbors. A step is steep if every surface
 /// through both points has a normal more than `angle` degrees off the line of sight. A cell without a point is not a flying pixel.
 ///
-/// The angle is that of Tang, Huber and Akinci, "A comparative analysis of depth-discontinuity and mixed-pixel detection algorithms"
-/// (2007), section 3. The signs of the two steps distinguish a cell between two surfaces from a cell at the edge of one.
+/// The angle criterion is that of Tang, Huber and Akinci, "A comparative analysis of depth-discontinuity and mixed-pixel detection
+/// algorithms" (2007), section 3. The signs of the two steps distinguish a cell between two surfaces from a cell at the edge of one
+/// surface.
 ///
 /// # Errors
 /// Returns an error if a parameter is out of range.
@@ -129,8 +130,8 @@ mod tests {
 
     use super::*;
 
-    /// Returns the view of a camera with a focal length of 1000 cells and 40 by 30 cells; `depth` gives the depths by column and row, in
-    /// mm.
+    /// Returns the range image of a camera with 40 by 30 cells and a focal length of 1000 cells; `depth` gives the depths by column and
+    /// row, in mm.
     fn range_image(depth: impl Fn(usize, usize) -> f64) -> RangeImage {
         RangeImage::new(
             40,
@@ -178,7 +179,7 @@ mod tests {
     fn a_slanted_wall_stays_whole_up_to_the_angle() {
         for (angle, flies) in [(0.0, false), (60.0, false), (78.0, false), (82.0, true)] {
             let slope = libm::tan(f64::to_radians(angle));
-            // The depth is that of the plane z = 1000 + slope * x, on the ray with x = z * t.
+            // The depth is that of the plane z = 1000 + slope * x on the ray x = z * t, where t is (column - 19.5) / 1000.
             let range =
                 range_image(|column, _| 1000.0 / (1.0 - slope * (column as f64 - 19.5) / 1000.0));
             assert_eq!(!flying(&range, 0).is_empty(), flies, "{angle}");

@@ -214,7 +214,7 @@ fn edges(net: &Net, wanted: impl Fn(f64) -> bool) -> Vec<(f64, u32)> {
     edges
 }
 
-/// Collapses edges shorter than the first of two lengths, the shortest first, if no edge becomes longer than the second.
+/// Collapses edges shorter than `shortest`, in ascending order of length, if no edge becomes longer than `longest`.
 fn collapse(
     net: &mut Net,
     [shortest, longest]: [f64; 2],
@@ -237,14 +237,14 @@ fn collapse(
                 );
             }
         }
-        // If few of the short edges could be collapsed, most remaining ones cannot, and the loop ends.
+        // If at most a tenth of the short edges could be collapsed, most of the others cannot, and the loop ends.
         if done * 10 <= count {
             return Ok(());
         }
     }
 }
 
-/// Flips an edge if that brings the valences of the four vertices around it closer to their targets.
+/// Flips each edge if that brings the valences of the four vertices around it closer to their targets.
 fn flip(net: &mut Net, progress: &Progress<'_>) -> Result<(), CancelledError> {
     fn valence_error(vertex: u32, net: &Net) -> i32 {
         match net.leaving[vertex as usize] {
@@ -327,7 +327,7 @@ fn relax(
         }
     }
     for ((&vertex, place), normal) in smooth.iter().zip(found).zip(normals) {
-        // The nearest point may be on the opposite side of a thin part; it is then not accepted.
+        // Skip a nearest point on the opposite side of a thin part, where the normal is reversed.
         match place {
             Some((place, of_place)) if of_place.dot(&normal) >= 0.0 => net.shift(vertex, place),
             _ => {}

@@ -134,7 +134,7 @@ pub(crate) fn even_ball(steps: u32) -> Mesh {
     Mesh::new(places, Faces::triangles(faces)).unwrap()
 }
 
-/// Returns the cube with `n` by `n` quads on each side.
+/// Returns a cube with edges of 10 mm and `n` by `n` quads on each side.
 pub(crate) fn fine_cube(n: u32) -> Mesh {
     let (mut names, mut places, mut corners) = (BTreeMap::new(), Vec::new(), Vec::new());
     let coarse = cube();

@@ -19,8 +19,8 @@ pub enum Coordinates {
     New,
 }
 
-/// Returns the mesh with `uv` at its corners, in which each face has its own part of the square. If the mesh's own coordinates are wanted
-/// but unusable, `doubt` is called with the reason.
+/// Returns the mesh with texture coordinates `uv` at its corners that form an atlas: each face has its own part of the square from (0, 0)
+/// to (1, 1). If `coordinates` asks for the mesh's own coordinates but they are unusable, calls `doubt` with the reason.
 ///
 /// # Errors
 /// Returns the errors of [`lay_out`].
@@ -46,7 +46,7 @@ pub(crate) fn with_atlas(
     }
 }
 
-/// Returns the texture coordinates of each corner.
+/// Returns the texture coordinates of each corner; `None` if the mesh has no texture coordinates.
 pub(crate) fn corner_uv(mesh: &Mesh) -> Option<Vec<[f64; 2]>> {
     match mesh.corner().pairs("uv") {
         Some(uv) => Some(uv.to_vec()),
@@ -67,7 +67,7 @@ fn triangles_of_faces(mesh: &Mesh) -> Vec<(u32, [u32; 3])> {
     faces.collect()
 }
 
-/// Factor by which triangles shrink in the test for overlaps, because files round texture coordinates.
+/// Fraction by which triangles shrink toward their centroid before the test for overlaps, because files round texture coordinates.
 const ROUNDED: f64 = 1e-3;
 
 /// Returns the reason why texture coordinates are not an atlas; `None` if they are one.
@@ -101,7 +101,7 @@ fn unusable_reason(mesh: &Mesh, uv: &[[f64; 2]]) -> Option<String> {
     Some(format!("the faces {a} and {b} overlap"))
 }
 
-/// A texel that shows the surface.
+/// A pixel of a texture that shows the surface.
 #[derive(Clone, Copy)]
 pub(crate) struct Texel {
     /// The index of the pixel in the picture, row by row from the top.
@@ -126,9 +126,10 @@ impl Texel {
 pub(crate) struct Texels {
     /// Width and height of the picture.
     pub(crate) size: usize,
-    /// The corners of triangles, as indices of corners of faces.
+    /// The indices of each triangle's three corners, among the corners of all faces.
     pub(crate) triangles: Vec<[u32; 3]>,
-    /// The texels, row by row from the top. A texel beside the surface that interpolation needs shows the nearest point of the surface.
+    /// The texels, row by row from the top. They include texels beside the surface that interpolation needs; these show the nearest point
+    /// of the surface.
     pub(crate) texels: Vec<Texel>,
 }
 
@@ -209,8 +210,8 @@ impl Texels {
         Ok(Self { size: width, triangles, texels })
     }
 
-    /// Makes a picture from the given colors, one for each texel. The space between charts gets the nearest colors, so that smaller
-    /// versions of the picture mix in no other colors.
+    /// Makes a picture from the given colors, one for each texel. The space between charts gets the nearest colors, so that downscaled
+    /// versions of the picture contain no other colors.
     ///
     /// # Errors
     /// Returns an error if the evaluation is cancelled.

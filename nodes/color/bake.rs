@@ -123,7 +123,7 @@ pub struct BakedMesh {
     pub steps: [f64; 2],
 }
 
-/// Bakes the colors of captures into a texture of a mesh with `uv` at its corners, in which each face has its own part of the square.
+/// Bakes the colors of captures into a texture of a mesh with `uv` at its corners, in which each face has its own part of the texture.
 ///
 /// A capture sees a texel if the ray from the capture's camera first hits the capture's own mesh near the texel's point. The weight of the
 /// capture is the cube of the cosine of the viewing angle, times the square of its pixels per mm, reduced near the border of the captured

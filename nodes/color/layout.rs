@@ -93,7 +93,7 @@ impl Layout {
     }
 }
 
-/// A mesh with texture coordinates.
+/// A mesh with new texture coordinates, and the size of their layout.
 #[derive(Clone, Debug)]
 pub struct LaidOut {
     /// The mesh with `uv` at its corners, and without a texture, which would no longer fit.
@@ -107,9 +107,9 @@ pub struct LaidOut {
 /// Returns the mesh with texture coordinates `uv` in which no two faces overlap and none is inverted. Polygons are divided as fans around
 /// their first corners.
 ///
-/// Charts are as flat as `bend` demands, and cut where the orientation changes or more than two faces meet. Each chart is flattened as
-/// rigidly as possible (see `chart.rs`). If that folds the chart, it is projected along its mean normal; if the projection folds it, too,
-/// it is cut further. A single polygon whose fan is folded stays folded. The cost is O(n log n).
+/// Charts are as flat as `bend` demands. They are cut where the orientation changes or more than two faces meet at an edge. Each chart is
+/// flattened as rigidly as possible (see `chart.rs`). If that folds the chart, it is projected along its mean normal instead. If the
+/// projection folds the chart, too, it is cut further. A single polygon whose fan is folded stays folded. The cost is O(n log n).
 ///
 /// # Errors
 /// Returns an error if there are no faces, a parameter is out of range, or the charts do not fit.
@@ -183,7 +183,7 @@ struct Surface<'a> {
     of_corner: Vec<u32>,
 }
 
-/// Flatness (the ratio of projected area to area) above which a chart counts as plane and has no stretch.
+/// Maximum deviation of the flatness (the ratio of projected area to area) from 1, for a chart that counts as plane and has no stretch.
 const PLANE: f64 = 1e-9;
 
 /// Minimum cosine of the angle between a face and the mean normal; at larger angles the projected face is too narrow.
@@ -233,15 +233,15 @@ impl Surface<'_> {
         (1.0 - PLANE) * areas.sum::<f64>() <= self.sum(faces).norm()
     }
 
-    /// Returns, for each face, whether it is at such a large angle to the mean normal of `faces` that projection would stretch it much.
+    /// Returns, for each face, true if its angle to the mean normal of `faces` is so large that projection would stretch the face much.
     fn look_away(&self, faces: &[u32]) -> Vec<bool> {
         let normal = self.sum(faces).try_normalize(0.0).unwrap_or_default();
         let vectors = faces.iter().map(|&face| self.sum(&[face]));
         vectors.map(|vector| vector.dot(&normal) < STEEP * vector.norm()).collect()
     }
 
-    /// Returns the parts of a chart. One part has the faces at a large angle to the chart's mean normal, with their surroundings; without
-    /// such faces, the chart is divided into two halves.
+    /// Divides a chart into parts. One part has the faces at a large angle to the chart's mean normal, with their surroundings. Without
+    /// faces at such an angle, the chart is divided into two halves.
     fn cut(&self, chart: &Chart) -> Vec<Vec<u32>> {
         let mut is_away = self.look_away(&chart.faces);
         if is_away.contains(&true) && is_away.contains(&false) {
@@ -279,7 +279,7 @@ impl Surface<'_> {
         [halves.0, halves.1].map(|half| self.pieces(half.iter().map(|it| it.1).collect())).concat()
     }
 
-    /// Returns, for each of the faces, whether it or one of its neighbors is marked.
+    /// Returns, for each of the faces, true if the face or one of its neighbors is marked.
     fn with_neighbors(&self, faces: &[u32], is_marked: &[bool]) -> Vec<bool> {
         faces
             .iter()

@@ -65,15 +65,15 @@ impl Node for TextureToColors {
     }
 }
 
-/// Weight of the spring that holds a vertex to the texture's color at its position, relative to the weight of one texel that only the
-/// vertex determines.
+/// Weight of the spring that holds a vertex to the texture's color at its position, relative to the weight of a texel that depends on this
+/// vertex only.
 const SPRING_WEIGHT: f64 = 0.1;
 
 /// Returns the mesh with the colors of its texture at its vertices, without the texture. Colors are mixed in sRGB, as in pictures.
 ///
 /// [`Sampling::Area`] is the best fit of Kavan, Bargteil and Sloan, "Least squares vertex baking" (2011), section 3: the minimum, over
 /// texels, of the squared difference between the texture and the interpolated vertex colors. Instead of the smoothing in that paper, a weak
-/// spring pulls each vertex to the color at its position; it matters only for vertices that have hardly a texel.
+/// spring pulls each vertex to the color at its position; it matters only for vertices on which hardly a texel depends.
 ///
 /// # Errors
 /// Returns an error if the mesh has no texture or no texture coordinates.

@@ -2,7 +2,8 @@
 
 use maquette_value::CaptureFrame;
 
-/// Returns the common frame of captures that were taken together: the data that all frames share. Returns `None` if a capture has no frame.
+/// Returns the capture frame that merged meshes have in common. If their frames differ, returns the first frame without camera and pose.
+/// Returns `None` if a mesh has no frame.
 pub(super) fn common_frame(frames: &[Option<CaptureFrame>]) -> Option<CaptureFrame> {
     let first = (*frames.first()?)?;
     if frames.iter().all(|frame| *frame == Some(first)) {

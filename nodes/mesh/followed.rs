@@ -1,7 +1,7 @@
-//! Updates a mesh that was made of other meshes vertex by vertex, after some of their vertices have moved.
+//! Updates a mesh that consists of the vertices of other meshes, after some vertices of those meshes have moved.
 //!
-//! `Transform` and `Merge` ask `Mesh::moved_since` for the moved vertices, which compares only blocks whose hashes differ. The updated mesh
-//! shares faces and attributes with the last result, so a transform or a merge takes a fifteenth of the time.
+//! `Transform` and `Merge` get the moved vertices from `Mesh::moved_since`, which compares only blocks whose hashes differ. The updated
+//! mesh shares faces and attributes with the last result, so an update takes a fifteenth of the time of a new computation.
 
 use std::ops::Range;
 
@@ -18,9 +18,9 @@ pub(super) struct Part<'a> {
     pub(super) motion: Option<Motion>,
 }
 
-/// Updates `made`, which consists of the vertices of all parts one after the other: moves the vertices that have moved in the parts, and
-/// their normals. Texture and frame stay. Returns `None` if more than positions has changed in a part, a position is not finite, or more
-/// than the fraction `most` of all vertices has moved.
+/// Updates `made`, in which the vertices of all parts are concatenated: gives the vertices that have moved in a part their new positions
+/// and normals. Texture and frame stay. Returns `None` if more than positions has changed in a part, a position is not finite, or more than
+/// the fraction `most` of all vertices has moved.
 pub(super) fn move_vertices(made: &Mesh, parts: &[Part<'_>], most: f64) -> Option<Mesh> {
     let moved = parts.iter().map(|part| part.now.moved_since(part.before));
     let moved: Vec<MovedRows> = moved.collect::<Option<_>>()?;

@@ -57,7 +57,7 @@ impl Node for Merge {
         Ok((merge(&meshes, self.poses)?,))
     }
 
-    /// If only vertices of some meshes have moved, moves them in the last result.
+    /// If only vertices of some meshes have moved since the last evaluation, moves these vertices in the last result.
     fn update(
         &self,
         cx: &Context<'_>,
@@ -170,8 +170,8 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, Error> {
     })
 }
 
-/// Updates the last result of [`merge`]. Returns `None` if anything has changed except positions and normals of vertices, a common texture,
-/// and frames.
+/// Updates `made`, the last result of [`merge`], which was made of the meshes `before`. Returns `None` if more has changed than positions
+/// and normals of vertices, a common texture, and frames.
 fn follow(meshes: &[&Mesh], before: &[&Mesh], made: &Mesh, poses: Poses) -> Option<Mesh> {
     let (first, motions) = (meshes.first()?, motions(meshes, poses));
     let [now, earlier] = [meshes, before]
@@ -186,7 +186,7 @@ fn follow(meshes: &[&Mesh], before: &[&Mesh], made: &Mesh, poses: Poses) -> Opti
     Some(followed.with_materials(first.materials().clone()).with_frame(frame(meshes, &motions)))
 }
 
-/// Returns the motion of each mesh into world coordinates. All are `None` unless poses are applied and each mesh has one.
+/// Returns the motion of each mesh into world coordinates. All are `None` unless poses are applied and each mesh has a pose.
 fn motions(meshes: &[&Mesh], poses: Poses) -> Vec<Option<Motion>> {
     let all: Vec<_> = meshes.iter().map(|mesh| pose(mesh).map(motion)).collect();
     let applied = poses != Poses::Ignore && all.iter().all(Option::is_some);
@@ -199,14 +199,14 @@ fn frame(meshes: &[&Mesh], motions: &[Option<Motion>]) -> Option<CaptureFrame> {
     common_frame(&frames).filter(|_| motions.contains(&None))
 }
 
-/// The way in which the parts' materials are combined.
+/// The way in which the materials of the merged meshes are combined.
 #[derive(Clone, Copy, PartialEq)]
 enum Looks {
-    /// All parts have the same materials, or no part has materials.
+    /// All meshes have the same materials, or no mesh has materials.
     Same,
-    /// Each part keeps its own materials.
+    /// Each mesh keeps its own materials.
     Several,
-    /// The texture of each part becomes vertex colors.
+    /// The texture of each mesh becomes vertex colors.
     Painted,
 }
 
@@ -245,7 +245,7 @@ fn with_vertex_colors(mesh: &Mesh) -> Result<Mesh, MeshError> {
 
 fn positions(parts: &[Mesh]) -> Result<Vec<nalgebra::Point3<f64>>, MeshError> {
     let count = parts.iter().map(|part| part.positions().len()).sum();
-    // The corners are counted in 32 bits below.
+    // The functions below index vertices with 32 bits.
     if u32::try_from(count).is_err() {
         return Err(MeshError::TooLarge { what: "vertices", count });
     }
@@ -254,7 +254,7 @@ fn positions(parts: &[Mesh]) -> Result<Vec<nalgebra::Point3<f64>>, MeshError> {
     Ok(positions)
 }
 
-/// Returns the index of each part's first vertex.
+/// Returns the index, in the merged mesh, of each part's first vertex.
 fn offsets(parts: &[Mesh]) -> impl Iterator<Item = u32> {
     parts.iter().scan(0, |end, part| {
         let begin = *end;

@@ -14,7 +14,8 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Scales, then rotates about x, y and z by degrees, then translates. Multiples of 90 degrees are exact.
+    /// Creates a motion that scales, then rotates about x, y and z by angles in degrees, then translates. Multiples of 90 degrees are
+    /// exact.
     ///
     /// # Errors
     /// Returns an error if a scale is 0 or not finite.
@@ -32,7 +33,7 @@ impl Motion {
         Ok(Self { linear, shift: translate.into() })
     }
 
-    /// Returns the image of a point.
+    /// Returns the moved point.
     pub fn apply(&self, point: Point3<f64>) -> Point3<f64> {
         Point3::from(self.linear * point.coords + self.shift)
     }

@@ -81,15 +81,15 @@ pub struct OrientedMesh {
     pub mesh: Mesh,
     /// The number of parts for which no outside could be determined.
     pub undecided: usize,
-    /// The number of edges with more than two faces, and the first of them.
+    /// The number of edges with more than two faces, and the vertices of the first one; `None` if no edge has more than two faces.
     pub crowded: Option<(usize, [u32; 2])>,
 }
 
-/// Orients the faces of a mesh as `outside` says. The cost grows with the number of faces, and with the number of parts inside the bounding
-/// boxes of other parts.
+/// Orients the faces of a mesh by the rule `outside`. The cost grows with the number of faces, and with the number of parts inside the
+/// bounding boxes of other parts.
 ///
 /// # Errors
-/// Returns an error if a part has only one side, or the sensor is unknown.
+/// Returns an error if a part has only one side, as a Moebius strip has, or the sensor is unknown.
 pub fn orient(mesh: &Mesh, outside: Outside) -> Result<OrientedMesh, Error> {
     if outside == Outside::Flip {
         let mesh = flip_faces(mesh, &vec![true; mesh.faces().len()])?;
@@ -119,7 +119,7 @@ pub fn orient(mesh: &Mesh, outside: Outside) -> Result<OrientedMesh, Error> {
     })
 }
 
-/// Returns, for each part, the solid angle in which its outside is seen from the origin, minus the one in which its inside is seen.
+/// Returns, for each part, the solid angle of its front faces, seen from the sensor at the origin, minus the solid angle of its back faces.
 fn seen_sides(mesh: &Mesh, sheets: &Sheets) -> Vec<f64> {
     let mut sides = vec![0.0; sheets.is_closed.len()];
     for (face, &part) in mesh.faces().iter().zip(&sheets.of_face) {

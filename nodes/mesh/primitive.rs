@@ -69,7 +69,7 @@ impl Default for Shape {
     }
 }
 
-/// Maximum number of quads around a solid.
+/// Maximum number of quads around a cylinder or a sphere.
 const MAX_SIDES: u32 = 4096;
 
 impl Node for Primitive {
@@ -89,7 +89,7 @@ impl Node for Primitive {
     }
 }
 
-/// Makes a simple solid around a point, in mm.
+/// Makes a simple solid with the given center, in mm.
 ///
 /// # Errors
 /// Returns an error if a length is not positive, `sides` is out of range, or positions are too large.

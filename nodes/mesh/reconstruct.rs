@@ -90,7 +90,7 @@ const SIDE: Limit = Limit {
     help: "choose a larger `spacing`, or remove points that are far away",
 };
 
-/// Maximum depth of the grid, the number of times its cube is halved. With a larger depth, the numbers of cells would overflow.
+/// Maximum depth of the grid: the number of times that its cube is halved. With a larger depth, the numbers of cells would overflow.
 const MAX_DEPTH: u32 = 12;
 
 /// Maximum number of points of all sources; each needs about 200 bytes while they are sorted.
@@ -119,8 +119,8 @@ impl Node for Reconstruct {
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let points = self.points.iter().map(|points| valid(&cx.get(points))).sum::<usize>() as f64;
-        // The grids of the first depths fill the whole cube. Finer grids cover only the points and the regions between them that were not
-        // scanned.
+        // The constant is for the coarse grids, which fill the whole cube. Finer grids cover only the points and the regions between them
+        // that were not scanned.
         Some(Estimate { bytes: 1e7 + points * 3000.0, help: poisson::NODES.help })
     }
 
@@ -288,7 +288,7 @@ fn valid(source: &Scattered) -> usize {
     }
 }
 
-/// Returns the pose of each source that is moved, and the frame of the result.
+/// Returns the pose by which each source is moved (`None` for a source that stays), and the capture frame of the result.
 fn place_sources(
     sources: &[Scattered],
     poses: Poses,
@@ -312,7 +312,7 @@ fn place_sources(
     Ok((vec![None; sources.len()], common_frame(&frames)))
 }
 
-/// The points, combined to surface elements.
+/// The points of all sources, combined into surface elements.
 struct Pieces {
     pyramid: Pyramid,
     surfels: Vec<Surfel>,
@@ -405,8 +405,8 @@ fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, Error> {
     Ok(distance(positions, count, low, size))
 }
 
-/// Returns the mean spacing of points on a surface. It is derived from the cells that contain points, at the cell size at which such a cell
-/// contains four points on average.
+/// Returns the mean spacing of points on a surface. It is derived from the number of occupied cells, at the cell size for which an occupied
+/// cell contains four points on average.
 fn distance(positions: &[Point3<f64>], count: usize, low: Point3<f64>, size: f64) -> f64 {
     let mut last = (size, count as f64);
     for depth in 1..=MAX_DEPTH {

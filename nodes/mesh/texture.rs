@@ -164,7 +164,7 @@ impl Window {
         })
     }
 
-    /// Returns the texture coordinate of a point; it is not from 0 to 1 if the point is outside of the window.
+    /// Returns the texture coordinate of a point: from 0 to 1 inside of the window, below 0 or above 1 outside of it.
     pub fn uv(&self, point: Point3<f64>) -> [f64; 2] {
         let [x, y] = [0, 1].map(|k| (point[k] - self.axis[k]) / (2.0 * self.half[k]));
         [self.center[0] + x, self.center[1] + if self.y_down { -y } else { y }]

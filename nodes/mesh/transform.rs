@@ -58,7 +58,7 @@ impl Node for Transform {
         Ok((if self.sensor_axes { without_frame(moved) } else { moved },))
     }
 
-    /// If only some vertices of a mesh have moved, moves only these in the last result.
+    /// If only some vertices of a mesh have moved since the last evaluation, moves only these in the last result.
     fn update(
         &self,
         cx: &Context<'_>,
@@ -80,11 +80,11 @@ impl Transform {
     }
 }
 
-/// Maximum fraction of moved vertices for which the last result is updated. With more, a new mesh is faster: for five million vertices both
-/// are equally fast at a fifth. The limit does not apply to a mirrored mesh, whose faces would also have to be made anew.
+/// Maximum fraction of moved vertices for which the last result is updated. Above this fraction, a new mesh is faster: for five million
+/// vertices, both are equally fast at a fifth. The limit does not apply to a mirrored mesh: a new one would also need its faces reversed.
 const MAX_MOVED_FRACTION: f64 = 0.2;
 
-/// Updates the last result of [`transform`]; returns `None` if more than positions and normals of vertices has changed.
+/// Updates `made`, the last result of [`transform`]; returns `None` if more than positions and normals of vertices has changed.
 fn follow(mesh: &Mesh, before: &Mesh, made: &Mesh, motion: &Motion) -> Option<Mesh> {
     if motion.is_identity() {
         return None;
@@ -119,7 +119,7 @@ pub fn transform(what: &Movable, motion: &Motion) -> Result<Movable, Error> {
     })
 }
 
-/// Returns the value without its capture frame: it is then written to files unchanged.
+/// Returns the value without its capture frame, so that its coordinates are written to files unchanged.
 fn without_frame(what: Movable) -> Movable {
     match what {
         Movable::Mesh(mesh) => Movable::Mesh(mesh.with_frame(None)),

@@ -104,7 +104,7 @@ const MIN_MESH_SAMPLES: usize = 20_000;
 /// Finds the plane of rank `rank` in a scan. A point belongs to the plane if it is at most `distance` mm away from it.
 ///
 /// # Errors
-/// If there is no such plane.
+/// Returns an error if the scan has fewer than `rank` planes.
 pub fn dominant_plane(scan: &Scan, distance: f64, rank: u32) -> Result<PlaneInScan, Error> {
     let points = sample_points(scan);
     let mut left = points.clone();
@@ -129,7 +129,7 @@ pub fn dominant_plane(scan: &Scan, distance: f64, rank: u32) -> Result<PlaneInSc
     let on: Vec<_> = on.map(|point| coordinates_on_plane(&plane, point)).collect();
     let part = Part::largest(&on, distance);
     let positions = scan.positions().iter().filter(|position| is_on(&plane, position, distance));
-    // The sample points on large faces do not reach the rim of the plane, so the vertices are added.
+    // The sample points on large faces do not reach the border of the plane, so the vertices are added.
     let rim = positions.map(|position| coordinates_on_plane(&plane, position));
     let hull = on.iter().copied().chain(rim).filter(|at| part.contains(at)).collect();
     let share = on.len() as f64 / points.len() as f64;
@@ -285,7 +285,7 @@ fn square_and_neighbors([x, y]: [i64; 2]) -> impl Iterator<Item = [i64; 2]> {
 
 impl PlaneInScan {
     /// Returns for each position of the scan true if it is above the plane: more than `distance` and at most `height` above it, over the
-    /// hull of the plane, and at least `inset` away from the rim of the hull.
+    /// hull of the plane, and at least `inset` away from the border of the hull.
     pub fn is_above_each(&self, scan: &Scan, distance: f64, height: f64, inset: f64) -> Vec<bool> {
         scan.positions()
             .iter()
@@ -298,7 +298,8 @@ impl PlaneInScan {
             .collect()
     }
 
-    /// Returns the bounding rectangle of the largest connected part as a mesh, in the axes of the scan. Its face points upwards.
+    /// Returns the bounding rectangle of the largest connected part as a mesh, in the axes of the scan. Its normal points to the upper side
+    /// of the plane.
     pub fn to_rectangle(&self, scan: &Scan) -> Mesh {
         let [first, second] = self.plane.axes();
         let foot = self.plane.normal.into_inner() * self.plane.offset;
@@ -406,7 +407,7 @@ mod tests {
         let found = dominant_plane(&scan, 1.0, 1).unwrap();
         assert!(found.plane.offset.abs() < 1e-6 && found.plane.normal.z > 0.99);
         assert!(found.fraction > 0.98, "{}", found.fraction);
-        // The points above nearly the entire table.
+        // The small sheet is near a corner of the table; all of its 51 x 51 vertices count as above the table.
         let above = found.is_above_each(&scan, 1.0, 100.0, 0.0);
         assert_eq!(above.iter().filter(|above| **above).count(), 51 * 51);
         let board = found.to_rectangle(&scan);

@@ -184,8 +184,8 @@ fn connect_cells(range: &RangeImage, gap: f64, sets: &mut UnionFind) {
 
 /// Connects points that are at most `gap` apart.
 ///
-/// Points are sorted into cubes whose diagonal is `gap`, so all points in one cube are connected. Two cubes are connected if a point of one
-/// and a point of the other are. Pairs of cubes that are already connected are skipped.
+/// Points are sorted into cubes whose diagonal is `gap`, so all points in one cube are connected. Two cubes are connected if a point in one
+/// cube and a point in the other cube are at most `gap` apart. Pairs of cubes that are already connected are skipped.
 fn connect_points(points: &[Point3<f64>], gap: f64, sets: &mut UnionFind) {
     let side = gap / 3_f64.sqrt();
     let mut cubes: BTreeMap<[i64; 3], Vec<u32>> = BTreeMap::new();

@@ -69,7 +69,7 @@ impl Region {
     /// Returns for each position of a scan true if it is inside the region. A cell without a point is never inside.
     ///
     /// # Errors
-    /// If the bounds of the box or the depth are exchanged, the normal is zero, or there is no such attribute.
+    /// Returns an error if a minimum of the box or the depth is above its maximum, the normal is zero, or the scan has no such attribute.
     pub fn contains_each(&self, scan: &Scan) -> Result<Vec<bool>, Error> {
         fn test_positions(
             is_in: &dyn Fn(&Point3<f64>) -> bool,
@@ -162,7 +162,7 @@ fn numbers(attribute: &Attribute) -> Option<Vec<f64>> {
     }
 }
 
-/// Lists the names of the numeric attributes. The result is the end of a sentence that begins with "there".
+/// Lists the names of the numeric attributes, as the end of an error message that begins with "there".
 fn describe_numeric_attributes(attributes: Option<&Attributes>) -> String {
     let all = attributes.into_iter().flat_map(Attributes::iter);
     let names = all.filter(|(_, it)| numbers(it).is_some()).map(|(name, _)| format!("`{name}`"));

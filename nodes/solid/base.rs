@@ -1,4 +1,4 @@
-//! Walls from a surface to a flat base.
+//! Extends an open surface to a solid: adds a flat base, and walls from the surface's border to the base.
 
 use maquette_node::{Error, bail};
 use maquette_value::Mesh;
@@ -8,11 +8,11 @@ use crate::extended::{ExtendedMesh, border};
 use crate::offset::Floor;
 use crate::polygons::{loops, project_to_plane, triangulate};
 
-/// The projection that maps points of the surface to the base.
+/// The projection of surface points onto the plane of the base.
 pub(crate) enum Ground {
-    /// Along rays from a sensor at the origin, to a plane at the given depth.
+    /// Central projection from a sensor at the origin, onto the plane at the given z coordinate in mm.
     Seen(f64),
-    /// Parallel to a unit direction, to the plane perpendicular to it at the given height.
+    /// Parallel projection along a unit direction, onto the plane perpendicular to it at the given height in mm.
     Below(Vector3<f64>, f64),
 }
 
@@ -54,7 +54,7 @@ impl Ground {
         }
     }
 
-    /// Returns the direction that the base faces.
+    /// Returns the outward normal of the base.
     fn down(&self) -> Vector3<f64> {
         match *self {
             Self::Seen(_) => Vector3::z(),
@@ -62,7 +62,7 @@ impl Ground {
         }
     }
 
-    /// Returns the name of the position or direction from which all faces must be visible.
+    /// Returns the name, for error messages, of the point or direction from which all faces must be visible.
     fn viewer(&self) -> &'static str {
         match self {
             Self::Seen(_) => "the sensor",
@@ -82,11 +82,12 @@ fn shadow(mesh: &Mesh, face: &[u32], ground: &Ground) -> f64 {
     areas.sum()
 }
 
-/// Returns the faces that look to the sensor. Faces that would then touch the others only in a single vertex are also removed.
+/// Returns the mesh without the faces that look away from the sensor. Also removes faces that would then be connected to the rest of the
+/// mesh by a single vertex only.
 pub(crate) fn visible_part(mesh: &Mesh, ground: &Ground) -> Mesh {
     let faces = mesh.faces();
     let mut is_seen: Vec<_> = faces.iter().map(|face| shadow(mesh, face, ground) > 0.0).collect();
-    // If all faces look away, the whole mesh is inverted; the caller reports that.
+    // If all faces look away from the sensor, the mesh is inside out; the caller reports that.
     if !is_seen.contains(&false) || !is_seen.contains(&true) {
         return mesh.clone();
     }
@@ -110,14 +111,14 @@ pub(crate) fn visible_part(mesh: &Mesh, ground: &Ground) -> Mesh {
     }
 }
 
-/// Returns the mesh with walls from each border loop down to a base.
+/// Returns the mesh with a flat base, and with walls from each border loop to the base.
 ///
 /// # Errors
-/// Returns an error if the mesh has no border, or its faces look away from the side opposite the base.
+/// Returns an error if the mesh has no border, or if its faces look toward the base, by the sum of their projected areas.
 pub(crate) fn with_base(mesh: &Mesh, ground: &Ground) -> Result<Mesh, Error> {
     let faces = mesh.faces();
     let shadows: Vec<_> = faces.iter().map(|face| shadow(mesh, face, ground)).collect();
-    // Single faces may look away from the base's opposite side and still cover no other face, so only the sum of all faces counts.
+    // Single faces may look toward the base without covering another face, so only the sum of all faces is tested.
     if shadows.iter().sum::<f64>() <= 0.0 {
         let count = shadows.iter().filter(|area| **area <= 0.0).count();
         bail!(
@@ -134,7 +135,8 @@ pub(crate) fn with_base(mesh: &Mesh, ground: &Ground) -> Result<Mesh, Error> {
     fn vertex(corner: u32, faces: &maquette_value::Faces) -> u32 {
         faces.corners()[corner as usize]
     }
-    // For each border vertex, its projection to the base: vertex, position, and the corner and face whose attributes it gets.
+    // For each border vertex, its projection onto the base: the new vertex, its position, and the corner and face whose attributes the base
+    // copies.
     let mut feet = vec![None; mesh.positions().len()];
     for &(face, [corner, _]) in &border {
         let at = vertex(corner, faces);

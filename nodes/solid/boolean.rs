@@ -77,7 +77,7 @@ impl Node for Boolean {
 
 /// Returns a warning about attributes of the solids that the result cannot keep.
 fn doubt(solids: &[&Mesh]) -> Option<&'static str> {
-    // If materials come from files, all materials are kept.
+    // If a solid has materials from a file, the result keeps the materials of all solids.
     if solids.iter().any(|solid| !solid.materials().iter().all(Material::is_plain)) {
         return None;
     }

@@ -1,11 +1,11 @@
-//! Extracts the surface between the deep nodes of a grid and all other nodes.
+//! Extracts the surface between the grid nodes of positive depth, called deep, and all other nodes.
 
 use std::collections::HashMap;
 
 use nalgebra::Point3;
 
-/// The six tetrahedra of a cell: the order of the axes along which the edges of each tetrahedron go from the lowest corner to the highest,
-/// and true if the volume spanned by the edges from the first corner is positive.
+/// The six tetrahedra of a cell. The edges of a tetrahedron lead from the cell's lowest corner to its highest, along the axes in the given
+/// order. The flag is true if the edges from the lowest corner span a positive volume.
 const ORDERS: [([usize; 3], bool); 6] = [
     ([0, 1, 2], true),
     ([1, 2, 0], true),
@@ -15,30 +15,30 @@ const ORDERS: [([usize; 3], bool); 6] = [
     ([1, 0, 2], false),
 ];
 
-/// A surface that is extracted cell by cell.
+/// A surface at depth zero that is extracted from a grid, cell by cell.
 ///
 /// Each cell is divided into six tetrahedra (Doi and Koide, "An efficient method of triangulating equi-valued surfaces by using tetrahedral
 /// cells", 1991). The surface is therefore a manifold, and closed if no cell that it crosses is left out.
 pub(crate) struct Contour {
-    /// Minimum distance of a vertex from a node, as a fraction of an edge; it prevents degenerate triangles.
+    /// Minimum distance of a vertex from a grid node, as a fraction of a grid edge; it prevents degenerate triangles.
     nearest: f64,
     pub(crate) points: Vec<Point3<f64>>,
-    /// For each vertex, the deep end of the grid edge on which it is, and the depth of that end.
+    /// For each vertex, the end of positive depth of the grid edge on which the vertex is, and the depth of that end.
     pub(crate) deep_ends: Vec<(Point3<f64>, f64)>,
-    /// The triangles; they look toward the deep side.
+    /// The triangles; they look toward the side of positive depth.
     pub(crate) triangles: Vec<[u32; 3]>,
     numbers: HashMap<[[usize; 3]; 2], u32>,
 }
 
 impl Contour {
-    /// Returns an empty surface. `nearest` is the minimum distance of a vertex from a node, as a fraction of an edge.
+    /// Returns an empty surface. `nearest` is the minimum distance of a vertex from a grid node, as a fraction of a grid edge.
     pub(crate) fn new(nearest: f64) -> Self {
         let (points, deep_ends, triangles) = (Vec::new(), Vec::new(), Vec::new());
         Self { nearest, points, deep_ends, triangles, numbers: HashMap::new() }
     }
 
-    /// Adds the part of the surface in the cell whose corner with the lowest indices is the node `at`; `place` gives the position of a
-    /// node. A corner is deep if its depth is positive. Corner `k` is one node farther along x, y and z if bit 0, 1 and 2 of `k` is set.
+    /// Adds the part of the surface in one cell. `at` is the node at the cell's lowest corner; `place` gives the position of a node. Bits
+    /// 0, 1 and 2 of the index of a depth are the steps from `at` along x, y and z.
     pub(crate) fn add(
         &mut self,
         at: [usize; 3],
@@ -59,7 +59,7 @@ impl Contour {
             for k in 0..3 {
                 corners[k + 1] = corners[k] | 1 << order[k];
             }
-            // Returns the intersection of the surface with the edge between two corners, one of which is deep.
+            // Returns the vertex on the edge between two corners, one of which has a positive depth.
             let mut vertex = |a: usize, b: usize| {
                 let ends = [corners[a.min(b)], corners[a.max(b)]];
                 *self.numbers.entry(ends.map(|end| node(at, end))).or_insert_with(|| {

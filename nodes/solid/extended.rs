@@ -73,7 +73,7 @@ impl<'a> ExtendedMesh<'a> {
     }
 }
 
-/// Returns the border sides of a mesh: for each, the face, and the indices of the side's two corners among all corners.
+/// Returns the border edges of a mesh: for each edge, its face, and the indices of its two corners among all corners.
 pub(crate) fn border(mesh: &Mesh) -> Vec<(u32, [u32; 2])> {
     let (edges, faces) = (mesh.edges(), mesh.faces());
     let mut border = Vec::new();

@@ -127,8 +127,8 @@ impl Node for Hollow {
 /// Returns a solid with a cavity `thickness` mm inside its surface. Distances are computed on a grid with cells of the edge length
 /// `spacing` (half of the thickness if 0).
 ///
-/// Distances are measured at grid nodes, except where a coarse test shows that they are larger than needed. Away from the surface, all
-/// nodes of a connected component are either inside or outside: one winding number decides for each component (Jacobson, Kavan and
+/// Distances are measured at grid nodes, except where a coarse test shows that they are larger than needed. Away from the surface, the
+/// nodes of a connected component are all inside or all outside, so one winding number decides for each component (Jacobson, Kavan and
 /// Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers", 2013). The surface of the cavity is extracted
 /// from tetrahedra, so that it is a closed manifold. The cost grows with the number of cells.
 ///

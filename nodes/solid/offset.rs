@@ -26,15 +26,15 @@ const BLOCKS: Limit = Limit {
     help: "choose a larger `thickness`, or a smaller part of the mesh",
 };
 
-/// Minimum distance of a vertex from a node, as a fraction of an edge, before the vertex is moved to the radius. Without a minimum,
-/// triangles degenerate and their normals are arbitrary.
+/// Minimum distance of a vertex from a grid node, as a fraction of a grid edge, in the extracted surface. Without a minimum, triangles
+/// degenerate and their normals are arbitrary.
 const NEAREST: f64 = 0.25;
 
-/// Distance between the result and the floor, as a fraction of the radius. It is invisible, but larger than the rounding error of coplanar
-/// walls.
+/// Distance between the result and the floor, as a fraction of the radius. It is too small to be seen, but larger than the rounding errors
+/// of faces that are coplanar with the floor.
 const GAP: f64 = 0.002;
 
-/// A half-space that limits the result: the points whose height along a unit vector is at least the given one.
+/// A half-space that limits the result: the points whose coordinate along the unit vector `up` is at least `height`, in mm.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Floor {
     pub(crate) up: Vector3<f64>,
@@ -47,9 +47,9 @@ impl Floor {
     }
 }
 
-/// Returns the surface of the points that are within `radius` of a triangle of the mesh and above the floor. The surface is closed,
-/// manifold and without self-intersections, for any triangles. It has flat faces, with `cells` cells of the grid along the radius: with 3
-/// cells the radius is exact to about 2 %, with 2 cells to 4 %.
+/// Returns the surface of the volume that is within `radius` mm of a triangle of the mesh and above the floor. The surface is closed,
+/// manifold and without self-intersections, for any triangles. The radius is divided into `cells` grid cells. As the faces are flat, the
+/// radius is exact to about 2 % with 3 cells, and to 4 % with 2 cells.
 pub(crate) fn offset_surface(
     mesh: &Mesh,
     (radius, cells): (f64, f64),
@@ -59,7 +59,7 @@ pub(crate) fn offset_surface(
     let Some((low, high)) = mesh.bounds() else { return Ok(mesh.clone()) };
     let spacing = radius / cells;
     let reach = radius + 2.0 * spacing;
-    // The grid is shifted against the mesh's coordinates, which are often round numbers.
+    // Shift the grid, so that its nodes do not coincide with vertices, whose coordinates are often round numbers.
     let low = low - Vector3::repeat(reach + 0.37 * spacing);
     let block = spacing * BLOCK as f64;
     let sizes = [0, 1, 2].map(|axis| ((high[axis] + reach - low[axis]) / block).ceil());
@@ -92,8 +92,8 @@ pub(crate) fn offset_surface(
     sort_unique(&mut blocks);
     check_blocks(blocks.len() as f64)?;
     let tree = TriangleTree::new(mesh);
-    // Only these blocks may be crossed by the surface: their distance from the triangles differs from the radius by at most half of their
-    // diagonal.
+    // Keep only the blocks that the surface may cross: the distance of their center from the triangles differs from the radius by at most
+    // half of their diagonal.
     let middles: Vec<_> = blocks
         .iter()
         .map(|[z, y, x]| {
@@ -142,7 +142,7 @@ pub(crate) fn offset_surface(
             }
         }
     }
-    // Faces of the contour look to the deep side, faces of a solid away from it; so they are reversed.
+    // Reverse the faces: those of the contour look inward, to the side of positive depth.
     let triangles = contour.triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect();
     let mut skin = Mesh::new(contour.points.clone(), Faces::triangles(triangles))?;
     let nearest = tree.nearest_to_all(&contour.points);
@@ -179,7 +179,6 @@ pub(crate) fn offset_surface(
     }
 }
 
-/// Sorts blocks and removes duplicates.
 fn sort_unique(blocks: &mut Vec<[usize; 3]>) {
     blocks.sort_unstable();
     blocks.dedup();

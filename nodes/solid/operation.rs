@@ -16,8 +16,8 @@ pub enum Operation {
 }
 
 impl Operation {
-    /// Returns true if the result keeps those parts of a solid that are inside of the other solid. `solid` is 0 for the first and 1 for the
-    /// second solid.
+    /// Returns true if the result keeps the parts of a solid's surface that are inside of the other solid. `solid` is 0 for the first and 1
+    /// for the second solid.
     pub(crate) fn wants_inside(self, solid: usize) -> bool {
         match (self, solid) {
             (Self::Union, _) | (Self::Difference, 0) => false,

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 pub(crate) use maquette_value::polygon::project_to_plane;
 use maquette_value::polygon::{self, PlanePoint, is_in_triangle, orientation};
 
-/// Connects sides, each given by its start and its end, to closed loops. The loops are ordered by the lowest vertex index in each.
+/// Connects directed sides, each given by its start and its end, to closed loops of vertices. The loops are ordered by their lowest vertex
+/// index.
 pub(crate) fn loops(sides: &[[u32; 2]]) -> Vec<Vec<u32>> {
     let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     sides.iter().for_each(|&[start, end]| next.entry(start).or_default().push(end));
@@ -50,7 +51,7 @@ pub(crate) fn triangulate(
             false => holes.push(corners),
         }
     }
-    // The hole that reaches farthest to the right comes first: nothing is then between it and the polygon around it.
+    // Connect the hole that reaches farthest to the right first: no other hole is then between it and the polygon around it.
     fn reach(hole: &[(u32, PlanePoint)]) -> f64 {
         hole.iter().fold(f64::NEG_INFINITY, |x, it| x.max(it.1[0]))
     }
@@ -69,8 +70,9 @@ pub(crate) fn triangulate(
     outer.into_iter().flat_map(clip_ears).collect()
 }
 
-/// Returns a polygon with one of its corners, and a corner of a hole, such that nothing is between the two corners: Eberly, "Triangulation
-/// by ear clipping" (2002), section 3. If rounding leaves no such pair, the nearest corner is taken.
+/// Finds a bridge between a hole and an outer polygon. Returns the polygon, one of its corners, and a corner of the hole, such that nothing
+/// is between the two corners: Eberly, "Triangulation by ear clipping" (2002), section 3. If rounding leaves no such pair, takes the
+/// nearest corner of any polygon.
 fn bridge(
     outer: &[Vec<(u32, PlanePoint)>],
     hole: &[(u32, PlanePoint)],
@@ -80,7 +82,7 @@ fn bridge(
     fn distance_sq(at: PlanePoint, from: PlanePoint) -> f64 {
         (at[0] - from[0]) * (at[0] - from[0]) + (at[1] - from[1]) * (at[1] - from[1])
     }
-    // Find the nearest side that a ray to the right crosses.
+    // Find the nearest side that a ray from the hole to the right crosses.
     let mut met: Option<(f64, usize, usize)> = None;
     for (polygon, corners) in outer.iter().enumerate() {
         for k in 0..corners.len() {

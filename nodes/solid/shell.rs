@@ -1,9 +1,9 @@
 //! Gives a surface a thickness.
 //!
-//! Moving each vertex along its normal folds the surface where its radius of curvature is smaller than the thickness. Two simpler methods
-//! failed: limiting the motions made thin walls, and repairing thin walls made blobs. Therefore the surface is closed to a body, with a lid
-//! on each border (behind a wall, where the lid would touch the surface). Then `Boolean` takes the part of the body that is within the
-//! distance of the surface, which a grid computes. The surface itself does not change.
+//! Moving each vertex along its normal would fold the surface where its radius of curvature is smaller than the thickness. Limiting the
+//! motions makes thin walls, and repairing thin walls makes blobs. Instead, the surface is closed to a body: each border gets a lid. Where
+//! a lid would touch the surface, a wall is added between both. A grid gives the volume within the thickness of the surface, and `Boolean`
+//! takes the part of the body inside of that volume. The surface itself does not change.
 
 use std::collections::BTreeMap;
 
@@ -64,7 +64,7 @@ pub enum Side {
     Middle,
 }
 
-/// A reason why a closed surface is not a body.
+/// A reason why a closed surface does not bound a body.
 #[derive(Debug, thiserror::Error)]
 enum BodyError {
     #[error("the faces that close the surface intersect it: {count} pairs of faces cross, the first one at ({:.3}, {:.3}, {:.3}); use `side: Middle`, which needs no closed surface, or `Reconstruct` if the surface intersects itself there", at.x, at.y, at.z)]
@@ -116,18 +116,19 @@ impl Node for Shell {
 /// where it is curved.
 const DISTANCE_FACTOR: f64 = 1.06;
 
-/// Height of the walls behind a border, as a multiple of the shell's thickness. The walls must be higher than the shell is thick.
+/// Height of the walls between a border and its lid, as a multiple of the shell's thickness. The walls must be higher than the shell is
+/// thick.
 const WALL_FACTOR: f64 = 1.3;
 
-/// Walls are added between a lid and the surface at its border if both are nearly parallel, because the lid would then touch the surface or
-/// its back. This is the minimum absolute cosine of the angle between their normals: that of 45 degrees.
+/// Minimum absolute cosine of the angle between the normals of a lid and of the surface at its border, for which walls are added between
+/// both: that of 45 degrees. At smaller angles, the lid would touch the surface or its back.
 const FLAT: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// Returns the shell of a surface, see [`Shell`], and the number of faces at which the shell is thinner than requested.
 ///
-/// The surface is closed to a body, and the intersection of the body with the volume within the thickness is taken. The surface of an
-/// intersection never intersects itself, so neither does the other side of the shell; it is missing where there is no room. The cost grows
-/// with the area of the surface, in squares of the thickness.
+/// The result is the intersection of two volumes: a body that is made by closing the surface, and the volume within `thickness` of the
+/// surface. The surface of an intersection never intersects itself, so neither does the other side of the shell. It is missing where there
+/// is no room for it. The cost grows with the area of the surface, in squares of the thickness.
 ///
 /// # Errors
 /// Returns an error if the thickness is invalid, the surface cannot be closed, there are too many cells around it, or the evaluation is
@@ -187,8 +188,8 @@ pub fn shell(
     Ok((shell, thin))
 }
 
-/// Returns the body in front of the surface. For a surface that encloses nothing in front, returns the body behind it, and true: the shell
-/// is then outside of the body.
+/// Returns the body in front of the surface, and false. If the surface encloses nothing in front, returns the body behind the surface, and
+/// true: the shell is then outside of that body.
 fn body_in_front(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<(Mesh, bool), Error> {
     if !border(mesh).is_empty() {
         match body(&orient(mesh, Outside::Flip)?.mesh, behind, progress) {
@@ -196,7 +197,7 @@ fn body_in_front(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<(M
             found => return Ok((found?, false)),
         }
     }
-    // The body behind the surface gets no walls at its borders: outside of it, walls would become plugs.
+    // Make the body behind the surface without walls at its borders. The shell is outside of this body, so walls would add plugs to it.
     Ok((body(mesh, 0.0, progress)?, true))
 }
 
@@ -204,8 +205,8 @@ fn is_touching_or_inside_out(error: &Error) -> bool {
     matches!(error.downcast(), Some(BodyError::InsideOut | BodyError::Touching { .. }))
 }
 
-/// Checks that a mesh is a body: without self-intersections, with two faces at each edge, and oriented outward. Returns the reason if it is
-/// not.
+/// Returns the reason why a mesh does not bound a body, or `None`. A body has no self-intersections, two faces at each edge, and faces that
+/// look outward.
 fn body_error(body: &Mesh, progress: &Progress<'_>) -> Result<Option<BodyError>, CancelledError> {
     let found = body.crossings(|| progress.check())?;
     let count = body.edges().faces.iter().filter(|faces| **faces != 2).count();
@@ -240,8 +241,8 @@ fn body(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<Mesh, Error
     Err(why.into())
 }
 
-/// Returns the surface with a flat lid on each border, if lids are wanted, and the number of borders. Where a lid would touch the surface
-/// or its back, walls are added between both.
+/// Adds a flat lid to each border if `lids` is true, and walls where a lid would touch the surface or its back. Returns the new mesh and
+/// the number of borders.
 fn with_lids(mesh: &Mesh, behind: f64, lids: bool) -> Result<(Mesh, usize), MeshError> {
     let faces = mesh.faces();
     let (corners, points) = (faces.corners(), mesh.positions());
@@ -259,7 +260,7 @@ fn with_lids(mesh: &Mesh, behind: f64, lids: bool) -> Result<(Mesh, usize), Mesh
 
         let from =
             |corner: u32| points[corners[corner as usize] as usize] - points[rim[0] as usize];
-        // The area vector of the lid. The mean normal of the faces at the lid's border, `out`, is compared with it.
+        // The area vector of the lid. Its direction is compared with `out`, the mean normal of the faces at the lid's border.
         let lid: Vector3<f64> = own.iter().map(|(_, [a, b])| from(*b).cross(&from(*a))).sum();
         let out = own.iter().map(|(face, _)| {
             let out = mesh.area_vector(faces.face(*face as usize));
@@ -269,7 +270,8 @@ fn with_lids(mesh: &Mesh, behind: f64, lids: bool) -> Result<(Mesh, usize), Mesh
         let lid = lid.try_normalize(0.0).or(out.try_normalize(0.0)).unwrap_or_default();
         let has_walls = 0.0 < behind && FLAT < lid.dot(&out).abs();
         let way = if has_walls { -out.normalize() * behind } else { Vector3::zeros() };
-        // For each vertex, the end of its wall: the vertex, its position, and the corner and face whose attributes it gets.
+        // For each border vertex, the vertex at the other end of its wall: index, position, and the corner and face whose attributes it
+        // copies.
         let mut feet = BTreeMap::new();
         for &(face, [_, corner]) in &own {
             let at = corners[corner as usize];
@@ -297,7 +299,7 @@ fn with_lids(mesh: &Mesh, behind: f64, lids: bool) -> Result<(Mesh, usize), Mesh
     Ok((grown.mesh()?, count))
 }
 
-/// Splits a loop that visits a vertex twice, as where holes touch, into simple loops.
+/// Splits a loop into simple loops at each vertex that it visits twice. Holes that share a vertex have a common loop.
 fn split_loop(rim: &[u32]) -> Vec<Vec<u32>> {
     let (mut loops, mut own) = (Vec::new(), Vec::new());
     let mut places = BTreeMap::new();
@@ -356,7 +358,7 @@ mod tests {
             let plate = check(&plane, 2.0, side, 0.0);
             let bounds = plate.bounds().unwrap();
             assert!((bounds.0.z - low).abs() < 1e-6 && (bounds.1.z - low - 2.12).abs() < 1e-6);
-            // The walls must be upright: then the volume is the area times the thickness.
+            // If the walls are upright, the volume is the area times the thickness.
             assert!((volume(&plate) - 400.0 * 2.12).abs() < 0.5, "{}", volume(&plate));
         }
         let plate = check(&plane, 2.0, Side::Middle, 0.0);
@@ -366,7 +368,7 @@ mod tests {
 
     #[test]
     fn the_surface_stays_where_the_other_side_has_no_room() {
-        // The surface has a ridge that is narrower than two walls, and noise.
+        // The surface has noise, and a ridge that is narrower than twice the thickness.
         fn noise(x: f64, y: f64) -> f64 {
             0.1 * libm::sin(37.0 * x + 91.0 * y * y)
         }
@@ -421,7 +423,7 @@ mod tests {
         let hollow = volume(&outside);
         let most = 12.12 * 14.12 * 16.12 - 1680.0;
         assert!((0.95 * most..most).contains(&hollow), "{hollow} of {most}");
-        // A block with a hole has about the same shell; flat lids make no body on its outside.
+        // A block without one of its faces gets about the same shell, although no body can be made in front of its surface.
         let faces = (0..block.faces().len() as u32).filter(|face| *face != 0);
         let open = check(&block.select(&Vec::from_iter(faces)), 1.0, Side::Outside, 0.05);
         assert!((volume(&open) - hollow).abs() < 0.03 * hollow, "{}", volume(&open));

@@ -110,7 +110,7 @@ impl Node for Solid {
     }
 }
 
-/// The solid, and the numbers of its faces with defects.
+/// A solid, and the numbers of faces that were removed or have a wall that is too thin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolidMesh {
     /// The solid's surface.
@@ -331,7 +331,7 @@ mod tests {
             text.starts_with("94 of 222 faces look away from `up`, most of the surface"),
             "{text}"
         );
-        // The walls of the upper part pass through the lower one.
+        // The walls of the upper relief pass through the lower relief.
         let above = relief
             .with_positions(
                 relief.positions().iter().map(|at| at + Vector3::new(1.3, 0.7, 2.0)).collect(),

@@ -1,4 +1,4 @@
-//! Makes walls thick enough.
+//! Thickens the walls of a solid that are thinner than requested.
 
 use maquette_node::{Error, Progress};
 use maquette_value::parallel::*;
@@ -13,13 +13,14 @@ use crate::transfer_attributes::transfer_attributes;
 /// Maximum number of rounds. In each round, material is added to the walls that are still too thin.
 const PASSES: usize = 3;
 
-/// Factor by which the added thickness is multiplied: the flat faces of the added volume would make it thinner than requested.
+/// Factor by which the added thickness is multiplied. Without it, the flat faces of the added volume would make walls thinner than
+/// requested.
 const THICKNESS_FACTOR: f64 = 1.1;
 
-/// Returns the solid with walls of at least `thickness` mm, measured straight inward from the center of each face, and the number of faces
-/// whose walls are still thinner.
+/// Thickens the walls of a solid to at least `thickness` mm, measured straight inward from the center of each face. Returns the solid, and
+/// the number of faces whose walls are still thinner.
 ///
-/// Where a wall is too thin, the points within half of the thickness of the wall's middle surface are united with the solid. The wall
+/// Where a wall is too thin, the volume within half of `thickness` of the wall's middle surface is united with the solid. The wall
 /// therefore grows equally on both sides, and not at all where it is just thick enough. Nothing grows through the floor.
 pub(crate) fn thicken(
     solid: &Mesh,

@@ -3,8 +3,8 @@
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Returns the path of a file or folder in `shared` beside the project. If it does not exist, prints a line that the test is skipped, which
-/// is visible although the test passes.
+/// Returns the path of a file or folder in `shared` beside the project. If it does not exist, prints a line that the test is skipped; the
+/// line is visible although the test passes.
 pub(crate) fn shared_folder(what: &str) -> Option<PathBuf> {
     // The manifest is in the project's folder or in that of one of its crates.
     let folders = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().take(3);

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// Returns all graphs of `graphs/nodes` sorted by name, without the tests.
+/// Returns all graphs of `graphs/nodes` sorted by name, without the test files (`.test.ron`).
 pub(crate) fn examples() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/nodes");
     let files = std::fs::read_dir(folder).expect("the folder of examples").flatten();

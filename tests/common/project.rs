@@ -126,7 +126,7 @@ impl Project {
         command.args(arguments).current_dir(&self.folder).stdin(Stdio::null());
         command.env("MAQUETTE_CACHE", self.cache.path());
         command.env("XDG_STATE_HOME", self.state.path());
-        // Without these variables, no test opens the user's editor or browser.
+        // Remove these variables, so that no test opens the user's editor or browser.
         for name in ["BROWSER", "DISPLAY", "WAYLAND_DISPLAY", "MAQUETTE_EDITOR", "VISUAL"] {
             command.env_remove(name);
         }

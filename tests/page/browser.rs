@@ -11,7 +11,7 @@ use tungstenite::{Message, WebSocket};
 /// Timeout for answers; only a failing test waits this long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Names of the browsers that support the protocol.
+/// Names of the browsers that support the DevTools protocol.
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
 
 /// Arguments that provide WebGL on any machine, with the same colors everywhere. WebGL is drawn by software, because Debian's Chromium
@@ -162,7 +162,7 @@ impl Browser {
         start.elapsed()
     }
 
-    /// Presses a key at the focused element. `modifiers` are those of the protocol; 2 is Ctrl.
+    /// Presses a key at the focused element. `modifiers` is the bit field of the DevTools protocol; 2 is Ctrl.
     pub(crate) fn press(&mut self, key: &str, modifiers: u32) {
         let code = match key {
             "Enter" => 13,
@@ -193,7 +193,7 @@ impl Browser {
     }
 }
 
-/// Starts a browser that accepts commands; returns `None` if it is not installed.
+/// Starts the process of a browser that accepts commands; returns `None` if the browser is not installed.
 fn launch(name: &str, profile: &std::path::Path, more: &[&str]) -> Option<Child> {
     let mut command = Command::new(name);
     command.args(["--headless=new", "--no-sandbox", "--remote-debugging-port=0"]);
@@ -217,8 +217,8 @@ impl Drop for Browser {
     }
 }
 
-/// A TCP connection that repeats a read or write after a signal. A read with a timeout is interrupted if the process is stopped and
-/// continued.
+/// A TCP connection that repeats a read or write that a signal has interrupted. For example, stopping and continuing the process interrupts
+/// a read with a timeout.
 pub(crate) struct Socket(pub(crate) TcpStream);
 
 impl Read for Socket {

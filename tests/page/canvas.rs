@@ -1,4 +1,4 @@
-//! Compares what the live page draws in a real browser with `render`, and tests interaction with the drawing.
+//! Compares the drawing of the live page in a real browser with the picture that `render` makes, and tests interaction with the drawing.
 
 use maquette::format::png;
 use maquette::value::Image;
@@ -85,7 +85,7 @@ fn shapes() -> Project {
     project
 }
 
-/// Maximum allowed differences between a picture of the page and one of `render`, for each kind of picture. Each is about twice the
+/// Maximum allowed differences between a picture of the page and one made by `render`, for each kind of picture. Each is about twice the
 /// measured difference. Edges are antialiased differently, so pictures that mostly show edges differ most.
 const FACES: ImageDifference = ImageDifference { mean: 0.4, other: 0.002 };
 const PIXELS: ImageDifference = ImageDifference { mean: 1.0, other: 0.01 };

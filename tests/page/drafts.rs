@@ -1,4 +1,4 @@
-//! Pages learn which parameters have a draft value, and whether drafts are shown.
+//! Tests that pages learn which parameters have a draft value, and whether drafts are shown.
 
 use crate::browser::Browser;
 use crate::preview::Server;

@@ -164,7 +164,7 @@ fn a_drag_is_given_up_with_escape_and_ends_where_it_began() {
         browser.ask(&format!("[{FIELD}, document.querySelector('{SLIDER}').value].join()")),
         "12,12"
     );
-    // A drag after the cancelled one works normally. It ends at the value at which it began.
+    // A drag after the cancelled drag works normally. It ends at the value at which it began.
     mouse(&mut browser, "Pressed", [x, y]);
     let begun = browser.ask(FIELD);
     mouse(&mut browser, "Dragged", [x + 20.0, y]);
@@ -271,7 +271,7 @@ fn a_small_change_moves_few_bytes_and_a_change_that_is_taken_back_brings_the_sam
     served.watch.end();
 }
 
-/// Returns the number of columns in the page, their size in bytes, and the bytes of all its objects and buffers.
+/// Returns the number of columns in the page, their size in bytes, and the bytes of all objects and buffers of the page.
 fn heap_size(browser: &mut Browser) -> [f64; 3] {
     let class = json!({ "expression": "import('/columns.js').then((it) => it.Columns.prototype)", "awaitPromise": true });
     let class = browser.call("Runtime.evaluate", class)["result"]["objectId"].take();

@@ -3,8 +3,8 @@
 //! These tests are not part of `cargo test`, because the browser draws without a graphics card, which is slow. `.ci/run` tests the server
 //! and a few interactions, and `just nightly page` tests everything.
 //!
-//! The browser took half of the time of the tests of commands. Without it, and with only a part of the random cases (all of them with
-//! `TESTS=all`), a run of all tests takes 573 s instead of 973 s.
+//! The tests in the browser would take half of the time of the tests of commands. A run of all tests takes 573 s without them and with only
+//! a part of the random cases (`TESTS=all` runs all cases), instead of 973 s.
 
 mod canvas;
 mod drafts;

@@ -398,7 +398,7 @@ fn a_name_that_is_bound_to_this_machine_and_a_foreign_page_are_told_nothing() {
             assert_eq!(browser.ask(&unread), "refused", "{host} to {to}");
         }
     }
-    // The page of the server itself can open such a socket. So the attempts above were refused because of their origin.
+    // The server's own page can open a socket to the same address. So the attempts above were refused because of their origin.
     browser.open(&served.link());
     browser.wait(SEEN);
     assert_eq!(browser.ask(&socket(&served.host, &served.token)), "open");

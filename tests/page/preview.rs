@@ -32,7 +32,7 @@ pub(crate) use pointing::mesh_of;
 /// Timeout for answers; only a failing test waits this long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A watch with a live page.
+/// A process that watches a graph and serves its live page.
 pub(crate) struct Server {
     pub(crate) watch: Watch,
     /// The server's address: 127.0.0.1 and the port.
@@ -86,7 +86,7 @@ impl Server {
         self.socket(&self.host, &origin, &self.token).unwrap()
     }
 
-    /// Opens a WebSocket with these headers, or returns the status of the refusal.
+    /// Opens a WebSocket with these headers, or returns the HTTP status of the refusal.
     fn socket(&self, host: &str, origin: &str, token: &str) -> Result<Page, u16> {
         let mut request = format!("ws://{}/socket", self.host).into_client_request().unwrap();
         fn set(name: &'static str, value: &str, request: &mut tungstenite::http::Request<()>) {
@@ -469,8 +469,8 @@ fn memory(process: u32) -> usize {
 #[test]
 fn a_page_that_never_reads_stalls_nobody_and_fills_no_memory() {
     let project = Project::doll();
-    // Makes the messages to the page large by a long description of the graph, which is sent at each change. Large values would also do
-    // this, but their results (7 MB for each change) would be kept and would count as memory of the page.
+    // A long description of the graph, which is sent at each change, makes the messages to the page large. Large values would do this, too,
+    // but the server keeps results (7 MB for each change), which would count as memory of the page.
     let words = "many words. ".repeat(1 << 17);
     fn save(index: usize, project: &Project, words: &str) {
         let text = project.doll_text(12.0).replacen("doc: \"", &format!("doc: \"{words}"), 1);

@@ -1,4 +1,4 @@
-//! Properties that a value lacks although a port wants them are listed and marked on the page.
+//! The page lists and marks the properties that a port requires but its value lacks.
 
 use maquette::value::Image;
 

@@ -1,4 +1,4 @@
-//! The pixels of a value on the live page, and a rendering of this value.
+//! Screenshots of a value on the live page, and renderings of the same value by the server.
 
 use maquette::format::png;
 use maquette::value::Image;
@@ -167,7 +167,7 @@ impl VisiblePage {
         self.canvas_after(&before)
     }
 
-    /// Sends a touch event: fingers are put on the canvas or moved, or lifted if there are none.
+    /// Sends a touch event: fingers touch the canvas or move on it; no fingers means that all are lifted.
     pub(crate) fn touch(&mut self, what: &str, fingers: &[[f64; 2]]) {
         let points = fingers.iter().enumerate();
         let points = points.map(|(id, [x, y])| json!({ "id": id, "x": x, "y": y }));
@@ -236,7 +236,7 @@ impl ImageDifference {
     }
 }
 
-/// Returns the mean of each channel in each block.
+/// Returns the mean of each channel in each block of a picture.
 fn means(image: &Image) -> Vec<f64> {
     let columns = image.width().div_ceil(BLOCK);
     let mut means = vec![0.0; 3 * columns * image.height().div_ceil(BLOCK)];

@@ -1,7 +1,8 @@
 //! Columns of a value as NumPy arrays, which share the value's memory.
 //!
 //! Columns implement NumPy's `__array_interface__`. It needs no copy, no `unsafe` code, and no NumPy when the module is imported. The
-//! arrays are read-only, because a column has no buffer. The package `maquette` copies each array before it reaches users.
+//! arrays are read-only, because values never change, and a column does not implement Python's buffer protocol. The package `maquette`
+//! copies each array before it reaches users.
 
 use maquette::AnyValue;
 use maquette::value::{ElementKind, Items, Meaning, Part};
@@ -86,7 +87,7 @@ impl Column {
     }
 }
 
-/// Returns true if NumPy must read the bytes as booleans. Other parts may also have bytes, for example of bits.
+/// Returns true if NumPy must read the bytes as booleans. Bytes in other parts may mean something else, for example bits.
 fn is_flags(part: &Part<'_>) -> bool {
     let is_exact = part.meaning == Meaning::Exact && !part.is_hidden;
     is_exact && matches!(part.items, Items::U8(_))

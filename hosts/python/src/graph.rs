@@ -47,13 +47,13 @@ impl Graph {
         Ok((graph, problems, checked.subgraphs))
     }
 
-    /// The description that the author wrote.
+    /// The description that the graph's author wrote.
     #[getter]
     fn doc(&self) -> &str {
         self.graph.doc()
     }
 
-    /// The text of the graph.
+    /// The source text of the graph file.
     #[getter]
     fn text(&self) -> &str {
         self.graph.source_text()

@@ -74,7 +74,7 @@ impl Drop for Host {
     }
 }
 
-/// All hosts of the process. Locked only while the interpreter's lock is held, so no child is forked meanwhile.
+/// All hosts of this process. The mutex is locked only while the interpreter's lock is held, so Python cannot fork a child meanwhile.
 static HOSTS: Mutex<Vec<Weak<Host>>> = Mutex::new(Vec::new());
 
 /// Waits until all pending results are on disk. Returns the warnings of the caches.
@@ -333,8 +333,8 @@ fn wait(heard: &Mutex<Receiver<RunEvent>>) {
 struct Job {
     news: Sender<RunEvent>,
     told: bool,
-    /// The time of the last progress event. Events in between are dropped, because some nodes report progress thousands of times per
-    /// second.
+    /// The time of the last progress event that was sent. Events shortly after it are dropped, because some nodes report progress thousands
+    /// of times per second.
     last: Mutex<Instant>,
 }
 

@@ -79,7 +79,7 @@ impl Value {
         self.value.size()
     }
 
-    /// Returns the facts and counts by name. The value can be made again from them and the columns.
+    /// Returns the facts and counts by name. A value can be made again from its facts and columns.
     fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let facts = PyDict::new(py);
         for (name, fact) in &self.made_of(py)?.facts {
@@ -111,7 +111,8 @@ impl Value {
         dict(py, &summary.0)
     }
 
-    /// Returns the files that contain the value in the format of `name`, with their names and contents, and warnings of lost data.
+    /// Returns the files that contain the value, with their names and contents, and warnings of lost data. The extension of the file name
+    /// `name` determines the format.
     fn files<'py>(&self, py: Python<'py>, name: String) -> PyResult<Files<'py>> {
         let (files, doubts) = self.written(py, name)?;
         let files = files.into_iter().map(|it| (it.name, PyBytes::new(py, &it.bytes)));
@@ -139,8 +140,8 @@ impl Value {
         Ok((paths, doubts))
     }
 
-    /// Renders the value from the front, rotated to the right and upwards by these angles. Without a size, the picture has the value's
-    /// native size.
+    /// Renders the value from the front, rotated to the right by `yaw` and upwards by `pitch`, in degrees. Without a size, the picture has
+    /// the value's native size.
     fn render(
         &self,
         py: Python<'_>,
@@ -225,7 +226,7 @@ impl Value {
 }
 
 impl Value {
-    /// Returns the files that contain the value in the format of `name`, and warnings of lost data.
+    /// Returns the files that contain the value, and warnings of lost data. The extension of the file name `name` determines the format.
     fn written(&self, py: Python<'_>, name: String) -> PyResult<(Vec<NewFile>, Vec<String>)> {
         let value = self.value.clone();
         let written = until_signal(py, move || {

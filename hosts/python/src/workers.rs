@@ -13,8 +13,8 @@ use rayon::ThreadPool;
 /// Interval at which the calling thread checks for signals while it waits for another thread.
 pub(crate) const LOOK: Duration = Duration::from_millis(20);
 
-/// The thread pools of a process. A forked child needs its own: its parent's threads do not exist in the child, so they would never do any
-/// work.
+/// The thread pools of a process. A forked child needs its own thread pools: the threads of its parent do not exist in the child, so the
+/// parent's pools would never do any work.
 struct Workers {
     process: u32,
     /// The thread pool for work on values.
@@ -23,7 +23,8 @@ struct Workers {
     graphs: HashMap<usize, Arc<ThreadPool>>,
 }
 
-/// Locked only while the interpreter's lock is held, so no child is forked meanwhile.
+/// The thread pools of this process. The mutex is locked only while the interpreter's lock is held, so Python cannot fork a child
+/// meanwhile.
 static WORKERS: Mutex<Option<Workers>> = Mutex::new(None);
 
 /// Runs a function on the pool for values, while other Python threads continue.
@@ -66,7 +67,7 @@ pub(crate) fn on_a_thread<R: Send + 'static>(
     }
 }
 
-/// Returns the shared pool with this number of threads; 0 means as many as the machine has.
+/// Returns the shared pool with this number of threads; 0 means the number of threads of the machine.
 pub(crate) fn of_graphs(threads: usize) -> PyResult<Arc<ThreadPool>> {
     of_process(|workers| {
         if let Some(known) = workers.graphs.get(&threads) {

@@ -40,8 +40,8 @@ impl Histogram {
     }
 }
 
-/// Computes the histograms of all points from neighbors within `radius`. The result is `None` near the rim of the surface, where a part of
-/// the neighborhood is missing.
+/// Computes the histograms of all points from neighbors within `radius`. The result is `None` near the border of the surface, where a part
+/// of the neighborhood is missing.
 pub(super) fn histograms(cloud: &Cloud, radius: f64) -> Vec<Option<Histogram>> {
     let points = || (0..cloud.positions.len()).into_par_iter().with_min_len(64);
     let near: Vec<Vec<u32>> =
@@ -64,8 +64,8 @@ pub(super) fn histograms(cloud: &Cloud, radius: f64) -> Vec<Option<Histogram>> {
     points().map(|k| combine(cloud, k, &near[k], &simple, radius)).collect()
 }
 
-/// Combines the simple histogram of point `k` with those of its neighbors, weighted by inverse distance. Returns `None` near the rim of the
-/// surface.
+/// Combines the simple histogram of point `k` with those of its neighbors, weighted by inverse distance. Returns `None` near the border of
+/// the surface.
 fn combine(
     cloud: &Cloud,
     k: usize,

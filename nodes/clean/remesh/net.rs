@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 /// Index of a half-edge that does not exist: no triangle is adjacent, or the triangle is deleted.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Cosine of the maximum rotation, 60 degrees, of a triangle that changes.
+/// Cosine of 60 degrees, the maximum angle by which a change may rotate a triangle's normal.
 const MIN_COSINE: f64 = 0.5;
 
 /// A triangle whose doubled area, divided by its squared longest edge, is less than this value is a needle. No triangle may become a
@@ -25,7 +25,7 @@ pub(super) enum Kind {
     Corner,
 }
 
-/// Returns the other two half-edges of a half-edge's triangle.
+/// Returns the next half-edge of the same triangle, counter-clockwise.
 #[inline]
 pub(super) fn next(h: u32) -> u32 {
     if h % 3 == 2 { h - 2 } else { h + 1 }
@@ -100,7 +100,7 @@ impl Net {
         self.features[h as usize].is_some()
     }
 
-    /// Makes an edge a feature with a sharpness.
+    /// Marks an edge as a feature with the given crease sharpness.
     pub(super) fn set_feature(&mut self, h: u32, sharpness: f64) {
         self.mark(h, Some(sharpness));
         self.mark(self.twin(h), Some(sharpness));
@@ -145,7 +145,7 @@ impl Net {
                 break;
             }
         }
-        // A border was reached. The half-edges that remain are on the other side of the start.
+        // The walk has reached a border. Visit the remaining half-edges in the other direction from the start.
         let mut h = self.twin(start);
         while h != NONE {
             see(next(h));
@@ -153,7 +153,7 @@ impl Net {
         }
     }
 
-    /// Visits the neighbors of a vertex, each with a connecting half-edge: one that leaves the vertex, or, along a border, the one that
+    /// Visits the neighbors of a vertex, each with a half-edge that connects both: one that leaves the vertex, or, along a border, one that
     /// arrives.
     #[inline]
     pub(super) fn visit_neighbors(&self, vertex: u32, mut see: impl FnMut(u32, u32)) {
@@ -236,8 +236,8 @@ impl Net {
         }
     }
 
-    /// Splits the triangle of a half-edge at the half-edge's middle. Afterwards the half-edge ends at the middle; its other half is
-    /// returned, without a twin.
+    /// Splits the triangle of a half-edge in two at the vertex `middle`. Afterwards the half-edge ends at `middle`. Returns the new
+    /// half-edge from `middle` to the old end; it has no twin.
     fn halve(&mut self, h: u32, middle: u32, feature: Option<f64>) -> u32 {
         let (h1, b) = (next(h), self.end(h));
         let (outer, of_outer) = (self.twin(h1), self.features[h1 as usize]);
@@ -413,7 +413,7 @@ pub(super) fn shape(triangle: [Point3<f64>; 3]) -> f64 {
     if longest > 0.0 { area(triangle).norm() / longest } else { 0.0 }
 }
 
-/// Returns true if a moved triangle keeps its orientation, and does not become a worse needle.
+/// Returns true if a moved triangle keeps its orientation, and is not a needle, or is less thin than before.
 #[inline]
 fn keeps_orientation(before: [Point3<f64>; 3], after: [Point3<f64>; 3]) -> bool {
     let [old, new] = [before, after].map(area);

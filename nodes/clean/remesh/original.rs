@@ -26,8 +26,8 @@ pub(super) struct Original<'a> {
 }
 
 impl<'a> Original<'a> {
-    /// Returns the surface with its features, and its triangles. A vertex that joins several fans of faces is split into one vertex for
-    /// each fan.
+    /// Returns the original surface with its feature curves, and its triangles as half-edges. A vertex that joins several fans of faces is
+    /// split into one vertex for each fan.
     ///
     /// # Errors
     /// Returns an error if an edge has more than two faces, or its faces are oriented inconsistently.
@@ -80,7 +80,7 @@ impl<'a> Original<'a> {
         found.map(|place| place.map(|place| interpolate(curves, &place).0)).collect()
     }
 
-    /// Builds the mesh of the current triangles; vertices and faces get the attributes of the surface at their positions.
+    /// Builds the mesh of the current triangles; vertices and faces get the attributes of the original surface at their positions.
     pub(super) fn into_mesh(self, net: &Net) -> Result<Mesh, MeshError> {
         let mesh = self.mesh;
         let mut names = vec![NONE; net.places.len()];
@@ -146,7 +146,8 @@ impl AttributeTransfer for AtPlaces<'_> {
             .map(|place| {
                 let vertices = place.corners.map(|corner| corners[corner as usize]);
                 let parts = [0, 1, 2].map(|k| (place.barycentric[k], old[vertices[k] as usize]));
-                // Indices have no mean: the value of the nearest vertex is taken. A vertex with the weight 0 must not set a flag.
+                // Indices have no mean, and take the value of the vertex with the largest weight. Vertices of weight 0 are left out,
+                // because they must not set a flag.
                 let mut parts: Vec<_> =
                     parts.into_iter().filter(|(share, _)| *share > 0.0).collect();
                 parts.sort_by(|a, b| b.0.total_cmp(&a.0));

@@ -11,7 +11,7 @@ fn even(mesh: &Mesh, length: f64) -> Mesh {
     even
 }
 
-/// Returns the Euler characteristic, and the number of border loops.
+/// Returns the Euler characteristic of a mesh, and 1 if the mesh has a border, otherwise 0.
 fn kind(mesh: &Mesh) -> (i64, usize) {
     let edges = mesh.edges();
     let used = std::collections::BTreeSet::from_iter(mesh.faces().corners().iter());
@@ -93,7 +93,7 @@ fn a_ball_keeps_its_radius_and_has_even_triangles() {
     let ball = ball(40);
     let even = even(&ball, 1.0);
     for place in even.positions().iter() {
-        // The result is as exact as the given triangles are.
+        // The vertices deviate from the sphere no more than the triangles of the original mesh.
         assert!((place.coords.norm() - 10.0).abs() < 0.04, "{place}");
     }
     let (mean, least) = angles(&even);
@@ -107,7 +107,7 @@ fn the_ridge_of_a_roof_stays_where_it_is() {
     let roof = sheet(20, |x, _| 5.0 - (x - 5.0).abs());
     let even = even(&roof, 0.8);
     assert!((area(&even) / area(&roof) - 1.0).abs() < 1e-9);
-    // If the edge is not kept, it is rounded in places, but only slightly.
+    // At 180 degrees, the edge of the roof is not kept: it is rounded in places, but only slightly.
     let cut = remesh(&roof, 0.8, 180.0, &Progress::silent()).unwrap();
     check(&roof, &cut);
     assert!(area(&cut) < area(&roof) - 1e-3);

@@ -94,15 +94,15 @@ fn add(x: &mut [Vector3<f64>], factor: Vector3<f64>, p: &[Vector3<f64>]) {
     all.for_each(|(x, p)| *x += p.component_mul(&factor));
 }
 
-/// The matrices of the equation, row by row.
+/// The matrices of the linear equation that `Filter::apply` solves, row by row.
 struct System {
     rows: Lists<(u32, f64)>,
     diagonal: Vec<f64>,
     masses: Vec<f64>,
-    /// The inverse masses; 0 for vertices that are not solved for. With 0, the bending at these vertices is ignored, and a straight surface
-    /// stays straight up to them.
+    /// The inverse masses; 0 for vertices that are fixed or have no mass. The value 0 ignores the bending at these vertices, so that a
+    /// straight surface stays straight up to them.
     over_mass: Vec<f64>,
-    /// The inverse diagonal of the left side; 0 for vertices that are not solved for.
+    /// The inverse diagonal of the equation's left side; 0 for vertices that are not solved for.
     over_diagonal: Vec<f64>,
     strength: f64,
 }

@@ -40,7 +40,7 @@ fn a_ball_loses_its_noise_and_keeps_its_volume() {
         let ratio = volume(&smooth) / volume(&ball);
         assert!((ratio - 1.0).abs() < 5e-3, "{length}: {ratio}");
     }
-    // The loss of volume is as documented if `length` is the radius.
+    // If `length` is the radius, a sphere loses less than one percent of its volume, as the documentation states.
     let ratio = volume(&smooth_with(&ball, 10.0, false)) / volume(&ball);
     assert!((0.99..1.0).contains(&ratio), "{ratio}");
 }
@@ -130,7 +130,7 @@ fn odd_meshes_stay_sound() {
     let of =
         |faces: &[[u32; 3]]| Mesh::new(places.clone(), Faces::triangles(faces.to_vec())).unwrap();
     assert_eq!(run(&of(&[]), 0.0).unwrap(), of(&[]));
-    // Tested are three faces at an edge, inconsistently oriented faces, and a face without area.
+    // Test three faces at an edge, inconsistently oriented faces, and a face without area.
     for faces in [&[[0, 1, 2], [1, 0, 3], [0, 1, 4]][..], &[[0, 1, 2], [0, 1, 3]], &[[0, 1, 2]]] {
         run(&of(faces), 1.0).unwrap();
     }

@@ -15,7 +15,7 @@ use super::sample::{MeanColor, Sample, weighted_mean};
 /// The data that is used to equalize the colors of texels.
 pub(super) struct Leveling<'a> {
     pub(super) texels: &'a Texels,
-    /// The vertices at all corners.
+    /// The vertex at each corner of the mesh's faces.
     pub(super) corners: &'a [u32],
     pub(super) membrane: &'a Membrane,
     /// The samples of each texel.
@@ -37,7 +37,8 @@ impl Leveling<'_> {
     /// Multiplies the light of all samples by factors that make the captures agree. The first factor is one for each channel of each
     /// capture, as for panoramas (Brown and Lowe, "Automatic panoramic image stitching using invariant features", 2007, equation 29), but
     /// computed from medians of ratios. The second factor changes slowly over the surface, as in Lempitsky and Ivanov, "Seamless mosaicing
-    /// of image-based texture maps" (2007), section 4, who add offsets; here it draws each capture towards the mean of all that overlap.
+    /// of image-based texture maps" (2007), section 4, who add offsets. Here, the second factor draws each capture towards the mean of all
+    /// overlapping captures.
     pub(super) fn level(
         &self,
         samples: &mut [Sample],
@@ -128,7 +129,7 @@ impl Leveling<'_> {
         gains
     }
 
-    /// Returns the logarithm of a capture's slowly changing factor at each vertex.
+    /// Returns the logarithm of a capture's slowly changing factor at each vertex, for each channel.
     fn field(
         &self,
         samples: &[Sample],

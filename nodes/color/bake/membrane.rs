@@ -61,8 +61,9 @@ impl Membrane {
         Self { links: links.collect(), areas, extent: (high - low).norm() }
     }
 
-    /// Returns the smoothest values `x`: the minimum of `sum pull (x - y)^2` over edges, with `y` the value at the other end, plus `sum
-    /// spring (x - value)^2` over vertices. Returns `None` if a part of the mesh has no spring.
+    /// Returns the smoothest values at the vertices. They minimize the sum of `weight (x - y)^2` over all edges, with the values `x` and
+    /// `y` at the ends of an edge, plus the sum of `spring (x - value)^2` over all vertices. Returns `None` if a part of the mesh has no
+    /// spring.
     pub(super) fn solve(
         &self,
         springs: &[f64],

@@ -249,7 +249,8 @@ fn poses_move_captures_to_the_mesh() {
         let how = Baking { poses, ..Baking::default() };
         bake(&mesh, &[&capture], 128, &how, &Progress::silent()).map(|it| it.unseen)
     };
-    // The mesh is baked in the camera's frame, where a tenth of half a sphere is seen at less than 6 degrees, and in world coordinates.
+    // Bake the mesh in the camera's frame and in world coordinates. In the camera's frame, a tenth of the half sphere is seen at less than
+    // 6 degrees to its surface.
     let in_world = ball();
     assert!(run(&own, Poses::Auto).unwrap() < 0.15 && run(&own, Poses::Ignore).unwrap() < 0.15);
     assert!(run(&in_world, Poses::Auto).unwrap() < 0.75);

@@ -31,7 +31,8 @@ pub(super) struct View<'a> {
     pub(super) tolerance: f64,
 }
 
-/// Default lengths in multiples of the spacing of a capture's points: the maximum distance of the mesh, and the width of the border.
+/// Default lengths in multiples of the spacing of a capture's points: the maximum distance between the mesh and the capture, and the width
+/// of the border in which weights are reduced.
 const TOLERANCE: f64 = 3.0;
 const FEATHER: f64 = 5.0;
 
@@ -154,7 +155,7 @@ impl<'a> View<'a> {
         }
         let pixel = self.camera.pixel(spot.place)?;
         let size = [self.picture.width(), self.picture.height()];
-        // The border of the picture is a border of the visible area, too.
+        // Weights are also reduced near the border of the picture.
         let margin =
             [0, 1].map(|axis| pixel[axis].min(size[axis] as f64 - 1.0 - pixel[axis]) + 0.5);
         let margin = margin[0].min(margin[1]);
@@ -175,8 +176,8 @@ impl<'a> View<'a> {
     }
 
     /// Intersects the ray from the camera to a point with the captured surface. Returns the distance of the intersection from the point,
-    /// measured across the surface as a fraction of the tolerance, and its distance from the border. `None` if it is beyond the tolerance,
-    /// or another surface is in front.
+    /// perpendicular to the surface and as a fraction of the tolerance. Also returns the distance of the intersection from the capture's
+    /// border. Returns `None` if the first distance is beyond the tolerance, or another surface is in front.
     fn meet(&self, place: Point3<f64>, towards: Vector3<f64>) -> Option<(f64, f64)> {
         let ahead = self
             .around

@@ -1,4 +1,4 @@
-//! A piece of a surface that is flattened.
+//! Charts: pieces of a surface that are flattened into the plane.
 
 use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 use maquette_base::topology::lists::Lists;

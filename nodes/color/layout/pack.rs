@@ -33,9 +33,9 @@ const HALVINGS: usize = 3;
 /// Packs all charts into a square of `size` texels, with `padding` texels between two charts and half of that at the border. All charts
 /// have one scale, the largest that is found. The result is `None` if the charts do not fit.
 ///
-/// Long charts come first. Each is placed in one of four orientations at the position where its top is lowest: the order and the aim of
-/// Levy, Petitjean, Ray and Maillot, "Least squares conformal maps for automatic texture atlas generation" (2002), section 4. Unlike there,
-/// all blocks that a chart covers are tracked, so that small charts fill the gaps of large ones.
+/// Long charts are placed first. Each is placed in one of four orientations at the position where its top is lowest. Order and criterion
+/// are those of Levy, Petitjean, Ray and Maillot, "Least squares conformal maps for automatic texture atlas generation" (2002), section 4.
+/// Unlike in that paper, all blocks that a chart covers are tracked, so that small charts fill the gaps of large ones.
 pub(super) fn pack(
     pieces: &[Piece<'_>],
     size: usize,
@@ -360,7 +360,7 @@ fn runs(rows: &[Row]) -> Vec<Run> {
     runs
 }
 
-/// Returns the runs of a piece after some quarter rotations.
+/// Returns the runs of a piece that is rotated by `turn` quarters of a full rotation, counter-clockwise.
 fn rotate(own: &[Run], [width, height]: [usize; 2], turn: usize) -> Vec<Run> {
     match turn {
         0 => own.to_vec(),

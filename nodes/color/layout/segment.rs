@@ -82,17 +82,17 @@ impl PartialEq for Merging {
 
 impl Eq for Merging {}
 
-/// Weight of a long border relative to bent faces. With it, the rounder result is preferred if the clusters meet at an angle of up to about
-/// 16 degrees.
+/// Weight of the squared border length of a merged cluster, relative to the deviation of its normals. With this weight, the rounder result
+/// is preferred if the clusters meet at an angle of up to about 16 degrees.
 const ROUNDNESS: f64 = 0.01;
 
 /// Returns the faces of each chart, in ascending order. `flatness` is the minimum ratio of a chart's area projected along its mean normal
 /// to its area.
 ///
-/// Two neighboring clusters at a time are merged, beginning with those that stay flat and round: Garland, Willmott and Heckbert,
-/// "Hierarchical face clustering on polygonal surfaces" (2001). The cost is the deviation of normals of Cohen-Steiner, Alliez and Desbrun,
-/// "Variational shape approximation" (2004): `|V1| + |V2| - |V1 + V2|` for the sums `V1` and `V2` of area vectors of the two clusters. Then
-/// borders are straightened. The time is O(n log n).
+/// Pairs of neighboring clusters are merged, beginning with those that stay flat and round: Garland, Willmott and Heckbert, "Hierarchical
+/// face clustering on polygonal surfaces" (2001). The cost is the deviation of normals of Cohen-Steiner, Alliez and Desbrun, "Variational
+/// shape approximation" (2004): `|V1| + |V2| - |V1 + V2|` for the sums `V1` and `V2` of area vectors of the two clusters. Then borders are
+/// straightened. The time is O(n log n).
 pub(super) fn segment(
     mesh: &Mesh,
     opposites: &[u32],

@@ -106,7 +106,7 @@ fn a_cube_has_six_charts_without_stretch() {
 
 #[test]
 fn what_unrolls_is_not_stretched() {
-    // The surface is a quarter of a tube: 45 degrees to either side, 26 on average.
+    // The surface is a quarter of a tube: its normals deviate from their mean by up to 45 degrees, 26 on average.
     let tube = sheet([20, 10], false, |u, v| {
         let (s, c) = libm::sincos(TAU / 4.0 * u);
         [10.0 * c, 10.0 * s, 20.0 * v]

@@ -4,7 +4,7 @@ use maquette_base::topology::lists::Lists;
 use maquette_node::{Error, bail};
 use maquette_value::Mesh;
 
-/// The parts of a mesh: faces that are connected by edges of two faces.
+/// The connected parts of a mesh. Two faces are connected if they share an edge that no third face uses.
 pub(super) struct Sheets {
     /// The number of the part that contains each face.
     pub(super) of_face: Vec<u32>,
@@ -12,7 +12,7 @@ pub(super) struct Sheets {
     pub(super) is_turned: Vec<bool>,
     /// For each part, true if all of its edges have two faces.
     pub(super) is_closed: Vec<bool>,
-    /// The number of edges with more than two faces, and the first of them.
+    /// The number of edges with more than two faces, and the vertices of the first one; `None` if no edge has more than two faces.
     pub(super) crowded: Option<(usize, [u32; 2])>,
 }
 
@@ -23,8 +23,8 @@ impl Sheets {
     /// Returns an error if a part is not orientable.
     pub(super) fn new(mesh: &Mesh) -> Result<Self, Error> {
         let (edges, count) = (mesh.edges(), mesh.faces().len());
-        // For each edge, the sides of faces at it: the face, and true if the side runs from the vertex with the lower index to the other
-        // one.
+        // For each edge, the faces that use it. The flag is true if the face runs along the edge from the vertex with the lower index to
+        // the vertex with the higher index.
         let at_edges = Lists::group(edges.vertices.len(), || {
             let mut corner = 0;
             let sides = mesh.faces().iter().zip(0..).flat_map(move |(face, number)| {

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::sheets::Sheets;
 
-/// Minimum and maximum number of faces of an open part that are sampled; between these limits, as many as [`SOLID_ANGLES`] allows.
+/// Minimum and maximum number of faces that are sampled on an open part. Between these limits, [`SOLID_ANGLES`] determines the number.
 const SAMPLED_FACES: std::ops::RangeInclusive<usize> = 16..=256;
 
 /// Maximum number of solid angles that are computed for an open part, within the limits of [`SAMPLED_FACES`]. Computing them takes half a
@@ -73,7 +73,7 @@ fn bounds(mesh: &Mesh, faces: &[u32]) -> (Point3<f64>, Point3<f64>) {
     places.fold(nothing, |(low, high), at| (low.inf(&at), high.sup(&at)))
 }
 
-/// Returns the volume that closed faces enclose; negative if the faces look inward.
+/// Returns six times the volume that closed faces enclose, computed relative to the point `near`; negative if the faces look inward.
 fn volume(mesh: &Mesh, faces: &[u32], near: Point3<f64>) -> f64 {
     let triangles = faces.iter().flat_map(|&face| fan(mesh, mesh.faces().face(face as usize)));
     triangles

@@ -1,11 +1,12 @@
-//! Sparse sets of cells of a cube, or of its nodes, sorted by z, then y, then x. A row is all positions with the same z and y.
+//! Sparse sets of cells or nodes of a cube that is divided into equal cells. The positions are sorted by z, then y, then x. A row consists
+//! of all positions with the same z and y.
 
 use std::ops::Range;
 
 use maquette_value::parallel::*;
 use nalgebra::Point3;
 
-/// A position in a cube of cells or nodes: x, y, z.
+/// The integer coordinates of a cell or a node in a cube: x, y, z.
 pub(super) type CellIndex = [i32; 3];
 
 /// A cube that is halved repeatedly: at depth `d` it has `2^d` cells along each side.
@@ -37,7 +38,7 @@ impl Cube {
         coordinates.map(|x| (x.floor() as i32).clamp(0, last))
     }
 
-    /// Returns the point at coordinates in units of the cells at a depth.
+    /// Converts coordinates in units of the cells at a depth to a point in mm.
     pub(super) fn point(&self, coordinates: [f64; 3], depth: u32) -> Point3<f64> {
         let edge = self.edge_at(depth);
         Point3::from([0, 1, 2].map(|axis| self.corner[axis] + coordinates[axis] * edge))
@@ -124,7 +125,8 @@ impl Places {
         Some(corners)
     }
 
-    /// Returns all cells of a cube of `side` cells along each axis whose offset from a cell of the set is within `reach` along each axis.
+    /// Dilates the set: returns all cells whose offset from a cell of the set is within `reach` along each axis, in a cube of `side` cells
+    /// along each axis.
     pub(super) fn spread(&self, side: i32, reach: std::ops::RangeInclusive<i32>) -> Self {
         let (low, high) = (*reach.start(), *reach.end());
         let layers: Vec<Vec<[u16; 3]>> = (0..side)
@@ -185,7 +187,7 @@ pub(super) fn bell(x: f64) -> f64 {
     }
 }
 
-/// Returns the weights of a cell's corners at a position within the cell, given from 0 to 1 along each axis.
+/// Returns the weights of a cell's corners for trilinear interpolation at a position within the cell, given from 0 to 1 along each axis.
 pub(super) fn corner_weights([x, y, z]: [f64; 3]) -> [f64; 8] {
     std::array::from_fn(|k| {
         fn weight(x: f64, bit: usize, k: usize) -> f64 {

@@ -1,9 +1,10 @@
-//! Extracts the level set of a function as quads. It has a vertex in each finest cell that the level set intersects, and a quad across each
-//! grid edge that it crosses.
+//! Extracts the level set of a function as quads. The mesh has a vertex in each finest cell that the level set intersects, and a quad
+//! across each grid edge that the level set crosses.
 //!
 //! Gibson, "Constrained elastic surface nets" (1998). With one vertex per cell, the mesh is closed, but two sheets may share a vertex or an
 //! edge. This cannot happen if, in each cell, the inner nodes are connected along the cell's edges, and the outer nodes, too (Latecki, "3D
-//! well-composed pictures", 1997). Where the condition fails, the outer node nearest to the surface is made an inner one, until it holds.
+//! well-composed pictures", 1997). Where the condition fails, the outer node nearest to the surface is made an inner one, until the
+//! condition holds.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -137,8 +138,8 @@ impl Signs<'_> {
         corners_of(place).map(|node| self.of_node(node))
     }
 
-    /// Returns the cells that the surface intersects after outer nodes were made inner ones; `before` are the cells that it intersected
-    /// before.
+    /// Returns the cells that the surface intersects after the nodes in `taken_in` have become inner nodes. `before` contains the cells
+    /// that it intersects without this change.
     fn cells(&self, before: &Places) -> Places {
         let mut cells: BTreeMap<[i32; 3], CellIndex> = BTreeMap::new();
         let changed = self.taken_in.iter().flat_map(|&[x, y, z]| corners_of([x - 1, y - 1, z - 1]));
@@ -169,7 +170,7 @@ fn compose(
         .filter(|&cell| !composed[mask(&signs.of_cell(cells.place(cell)))])
         .collect();
     let mut cells: Vec<CellIndex> = bad.into_iter().rev().map(|cell| cells.place(cell)).collect();
-    // Each step adds one inner node, so the loop ends.
+    // Each step adds one inner node, so the loop terminates.
     while let Some(cell) = cells.pop() {
         progress.check()?;
         let signs = Signs { field, nodes, values, taken_in: &taken_in };

@@ -1,9 +1,9 @@
 //! Orients normals outward.
 //!
 //! The orientation is propagated from neighbor to neighbor along the edges of a minimum spanning tree: Hoppe, DeRose, Duchamp, McDonald and
-//! Stuetzle, "Surface reconstruction from unorganized points" (1992), section 3.3. There, an edge is cheap if both normals are parallel.
-//! Here, it is cheap if both normals agree with a circle through both points, which lets the orientation pass around bends. The normal of a
-//! circle at one point is its normal at the other point, mirrored at the bisecting plane.
+//! Stuetzle, "Surface reconstruction from unorganized points" (1992), section 3.3. In that paper, an edge is cheap if both normals are
+//! parallel. Here, an edge is cheap if a circle passes through both points and has both normals, so the orientation can pass around bends.
+//! The normal of a circle at one point is its normal at the other point, mirrored at the bisecting plane.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -64,7 +64,7 @@ fn push_edges(
     }
 }
 
-/// Orients the surfels that the cheapest edges reach, and returns them.
+/// Propagates the orientation along the cheapest edges of the queue, and returns the surfels that it reaches.
 fn propagate(
     surfels: &mut [Surfel],
     neighbors: &Lists,
@@ -95,13 +95,13 @@ fn propagate(
 /// already consistent.
 fn bend(from: &Surfel, to: &Surfel) -> (f64, bool) {
     let way = to.on_plane - from.on_plane;
-    // If the distance of the surfels is less than this fraction of their neighborhoods, its direction is random.
+    // Below this distance, the direction from one surfel to the other is random.
     let blur = BLUR * from.reach.max(to.reach);
     let square = (way.norm_squared() + blur * blur).max(f64::MIN_POSITIVE);
     let along = from.normal.dot(&way);
     let expected = from.normal - way * (2.0 * along / square);
     let agreement = expected.dot(&to.normal);
-    // If the direction leads across the surface, the other surfel belongs to another sheet.
+    // If the direction leads across the surface, the surfels belong to different sheets, and the edge is expensive.
     let across = along.abs().max(to.normal.dot(&way).abs());
     ((1.0 - agreement.abs()).max(0.0) + across * across / square, agreement >= 0.0)
 }
@@ -109,7 +109,7 @@ fn bend(from: &Surfel, to: &Surfel) -> (f64, bool) {
 /// Distance below which the direction between two surfels is not used, as a fraction of the size of their neighborhoods.
 const BLUR: f64 = 0.1;
 
-/// Returns the edges to neighbors, in both directions, without duplicates.
+/// Returns the edges between neighboring surfels, in both directions, without duplicates.
 fn neighbors(pyramid: &Pyramid, surfels: &[Surfel]) -> Lists {
     let cube = &pyramid.cube;
     let mut neighbors: Vec<Vec<u32>> = surfels

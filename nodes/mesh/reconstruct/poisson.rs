@@ -28,7 +28,7 @@ pub(super) const NODES: Limit =
 /// Maximum depth at which a grid covers the whole cube.
 const WHOLE: u32 = 5;
 
-/// Maximum distance of neighboring points, in cells, for which a grid is solved: between points farther apart it would find nothing.
+/// Maximum distance of neighboring points, in cells, for which a grid is solved. A finer grid would find no surface between the points.
 const SPARSEST: f64 = 1.6;
 
 /// Maximum number of conjugate gradient steps on a grid. The error that remains is smooth, and the coarser grids have corrected it already.
@@ -90,8 +90,8 @@ impl Field {
         Ok(field)
     }
 
-    /// Returns the halves, at the next depth, of those cells of a depth that the surface intersects far from all points: there the function
-    /// is smooth, but a coarse grid shows steps.
+    /// Returns the cells of the next depth, inside of those cells of a depth that the surface intersects far from all points. The function
+    /// is smooth there, but a coarse grid would show steps.
     fn bridges(&self, pyramid: &Pyramid, depth: u32) -> Vec<[u16; 3]> {
         let grid = &self.grids[depth as usize];
         let points = &pyramid.layers[depth as usize].cells;
@@ -229,7 +229,7 @@ struct PoissonLevel {
 const BLOCK: usize = 4096;
 
 impl PoissonLevel {
-    /// Makes the equations of the free nodes. These are the nodes `free`, or all nodes that have all neighbors.
+    /// Makes the equations of the free nodes. These are the nodes `free`, or, if `free` is `None`, all nodes whose neighbors all exist.
     fn new(
         cube: &Cube,
         depth: u32,
@@ -316,7 +316,8 @@ impl PoissonLevel {
             .collect();
     }
 
-    /// Pulls the function to the surface value at the surfels. The weight grows as cells become smaller, in the same way as the integrals.
+    /// Adds the equations that pull the function to the surface value at the surfels. Their weight grows as cells become smaller, in the
+    /// same way as the integrals.
     fn screen(&mut self, sums: &[Sum], screening: f64) {
         self.held = sums
             .par_iter()
@@ -431,7 +432,8 @@ impl PoissonLevel {
     }
 }
 
-/// Indices, among the 27 nodes, of those across an edge and of those across a corner; nodes across a face have no entry in `K`.
+/// Indices, among the 27 nodes around a node, of the neighbors across an edge and across a corner of a cell. For neighbors across a face,
+/// `K` is 0.
 const EDGES: [usize; 12] = [1, 3, 5, 7, 9, 11, 15, 17, 19, 21, 23, 25];
 const CORNERS: [usize; 8] = [0, 2, 6, 8, 18, 20, 24, 26];
 

@@ -132,7 +132,8 @@ pub(super) fn find_supported(
         .collect()
 }
 
-/// Removes connected components with hardly any supported vertex: far from all points, the values of the function are accidental.
+/// Removes connected components with hardly any supported vertex. They occur far from all points, where the values of the function are
+/// accidental.
 pub(super) fn drop_chance(skin: &mut Skin, supported: &mut Vec<bool>) {
     let parts = parts(skin);
     let n_parts = parts.iter().max().map_or(0, |&last| last as usize + 1);

@@ -1,8 +1,9 @@
 //! Surface elements (surfels). Each combines the points of one cell, with an unoriented normal and the area that the points represent.
 //!
 //! Normals are those of the least-squares planes of neighborhoods: Hoppe, DeRose, Duchamp, McDonald and Stuetzle, "Surface reconstruction
-//! from unorganized points" (1992), section 3.1. A neighborhood is not the k nearest points: its points are weighted by a B-spline, on sums
-//! over cells. The cost therefore does not depend on the size of a neighborhood, which can be so large that noise does not hide the plane.
+//! from unorganized points" (1992), section 3.1. In that paper, a neighborhood consists of the k nearest points. Here, its points are
+//! weighted by a B-spline, on sums over cells. The cost therefore does not depend on the size of a neighborhood, which can be large enough
+//! to average out noise.
 
 use maquette_node::{CancelledError, Progress};
 use maquette_value::Rgb;
@@ -138,7 +139,7 @@ impl Pyramid {
         (sums, count)
     }
 
-    /// Returns the plane around a position, in finest cells; `None` if there are too few points.
+    /// Returns the least-squares plane of the points around a position, which is given in finest cells; `None` if there are too few points.
     fn plane(&self, at: [f64; 3], depth: u32) -> Option<Plane> {
         let (sums, count) = self.sums_around(at, depth);
         if count < MIN_PLANE_POINTS {
@@ -167,7 +168,7 @@ impl Pyramid {
         let mut last = None;
         for depth in (finest.saturating_sub(COARSEST).max(1).min(finest)..=finest).rev() {
             let Some([flatness, variance]) = self.flatness(depth) else { continue };
-            // The search stops here: larger neighborhoods would see the global shape.
+            // Stop the search: larger neighborhoods would include the global shape.
             if best.1 < MAX_PERPENDICULAR && best.1 < flatness {
                 break;
             }
@@ -183,7 +184,7 @@ impl Pyramid {
         (best.0, best.2.sqrt() * self.cube.edge)
     }
 
-    /// Returns two medians over the planes of a depth: of the fraction of variance perpendicular to the plane, and of that variance, in
+    /// Fits planes to neighborhoods at a depth. Returns the median of their flatness, and the median variance perpendicular to a plane, in
     /// squared finest cells. Returns `None` if most positions have no plane.
     fn flatness(&self, depth: u32) -> Option<[f64; 2]> {
         let layer = self.finest();
@@ -245,11 +246,12 @@ impl Pyramid {
 /// Minimum number of points from which a plane is computed: with fewer, its direction is random.
 const MIN_PLANE_POINTS: f64 = 9.0;
 
-/// Points are collinear if their second variance is less than this fraction of the first (both in mm^2).
+/// Points are collinear if their second largest variance is less than this fraction of the largest (both in mm^2).
 const LINE: f64 = 0.02;
 
 /// Maximum fraction of a neighborhood's variance that is perpendicular to its plane, for the neighborhood to count as flat. Noise whose
-/// deviation is a tenth of the neighborhood's size reaches it; with smaller neighborhoods, normals are wrong by more than 15 degrees.
+/// deviation is a tenth of the neighborhood's size reaches this fraction. In smaller neighborhoods, normals are wrong by more than 15
+/// degrees.
 const FLAT: f64 = 0.1;
 
 /// Maximum fraction of variance perpendicular to a plane; neighborhoods with a larger fraction have no plane. For a few random points in a
@@ -272,7 +274,7 @@ struct Plane {
 }
 
 impl Plane {
-    /// Returns the fraction of the variance that is perpendicular to the plane.
+    /// Returns the variance perpendicular to the plane, as a fraction of the smaller variance in the plane.
     fn flatness(&self) -> f64 {
         self.spread[0] / self.spread[1]
     }
@@ -324,8 +326,8 @@ pub(super) struct Surfel {
     pub(super) depth: u32,
 }
 
-/// The sum of weights per point density for points on a plane: the integral of the weights over the plane, in squared cells. It is 0.75 if
-/// the plane is parallel to the cells and about 0.66 if it is diagonal.
+/// The sum of the weights of points on a plane, divided by the density of the points: the integral of the weights over the plane, in
+/// squared cells. It is 0.75 if the plane is parallel to the cells and about 0.66 if it is diagonal.
 const PLANE: f64 = 0.7;
 
 /// Returns the surfels of all finest cells.
@@ -343,7 +345,7 @@ pub(super) fn surfels(
         of_part.collect_into(&mut surfels);
         progress.tick(surfels.len() as f64 / cells.len() as f64)?;
     }
-    // A surfel has a minimum spacing, so that it is never 0.
+    // Limit the spacing of each surfel, so that it is never 0.
     for surfel in &mut surfels {
         surfel.spacing = surfel.spacing.max(1e-3 * cube.edge);
     }
@@ -370,7 +372,7 @@ fn surfel(pyramid: &Pyramid, cloud: &Cloud, flat: u32, cell: usize) -> Surfel {
     }
     let mut spacing = area.sqrt();
     if depth < flat {
-        // No points are nearby: those that the larger neighborhood found are far away.
+        // The neighborhood was enlarged because no points are nearby: the points in it are far away.
         spacing = spacing.max(SPARSE * cube.edge_at(depth));
     }
     let mut is_sided = false;

@@ -33,8 +33,8 @@ fn sphere(count: usize, deviation: f64) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// Returns uniformly distributed points of a torus around y with radii of 40 and 15 mm, moved by noise in the same way as those of
-/// `sphere`.
+/// Returns uniformly distributed points of a torus around y with radii of 40 and 15 mm, moved along each axis by noise with the given
+/// deviation.
 fn torus(count: usize, deviation: f64) -> Vec<Point3<f64>> {
     let mut random = Random(2);
     let mut points = Vec::new();
@@ -226,7 +226,7 @@ fn a_flat_cloud_gets_an_open_surface() {
         (0..2000).map(|_| Point3::new(random.even(), random.even(), 0.0) * 10.0).collect();
     let mesh = skin(points, &Options { skin: SkinKind::Open, ..Options::default() });
     assert_eq!(topology(&mesh).0, 1);
-    // At its border, the surface deviates from the plane by at most the spacing of two points.
+    // At its border, the surface deviates from the plane by at most the spacing of the points.
     let most = mesh.positions().iter().map(|point| point.z.abs()).fold(0.0, f64::max);
     assert!(most < 0.224, "{most}");
     let mut inner = mesh

@@ -14,7 +14,7 @@ use crate::polygons::{loops, project_to_plane, triangulate};
 
 /// The parts of two solids that a Boolean operation keeps.
 ///
-/// The vertices are first those of both solids, then the intersection points, then midpoints of edges.
+/// Vertices are numbered in this order: those of both solids, the intersection points, the midpoints of edges.
 pub(super) struct Cut<'a> {
     pair: &'a Pair<'a>,
     meet: &'a Meet,
@@ -28,7 +28,7 @@ pub(super) struct Cut<'a> {
     pub(super) pieces: Vec<Piece>,
 }
 
-/// A part of a triangle.
+/// One triangle of the triangulated part of a cut triangle that the result keeps.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Piece {
     pub(super) triangle: u32,
@@ -83,8 +83,8 @@ impl<'a> Cut<'a> {
         cut
     }
 
-    /// Returns the directed sides of the part of a triangle that the result keeps, which is to the left of the sides. The sides are pieces
-    /// of the triangle's edges, and the lines in which other triangles cross the triangle.
+    /// Returns the directed border of the part of a triangle that the result keeps; the part is to the left of each side. The sides are
+    /// pieces of the triangle's edges, and `lines`, in which triangles of the other solid cross the triangle.
     fn sides(&self, triangle: usize, lines: impl Iterator<Item = [u32; 2]>) -> Vec<[u32; 2]> {
         let mut sides: Vec<_> =
             lines.map(|ends| ends.map(|it| it + self.first_new_vertex())).collect();
@@ -145,7 +145,7 @@ impl<'a> Cut<'a> {
         near.map(|(&a, &b)| [a.min(b), a.max(b)]).collect()
     }
 
-    /// Returns the position of a vertex.
+    /// Returns the position of a vertex. An intersection point or a midpoint is interpolated.
     pub(super) fn position(&self, vertex: u32) -> Point3<f64> {
         let positions = self.pair.mesh.positions();
         match self.origin(vertex) {
@@ -169,7 +169,8 @@ impl<'a> Cut<'a> {
         }
     }
 
-    /// Adds to `shares` the vertices of the solids from which a vertex is interpolated, with their weights, which sum up to `whole`.
+    /// Appends to `shares` the vertices of the solids from which `vertex` is interpolated, with their weights. The weights sum up to
+    /// `whole`.
     fn shares(&self, vertex: u32, whole: f64, shares: &mut Vec<(u32, f64)>) {
         match self.origin(vertex) {
             Origin::Vertex(_) => shares.push((vertex, whole)),
@@ -202,8 +203,8 @@ impl<'a> Cut<'a> {
             self.first_new_vertex() as usize + self.meet.meetings.len() + self.halfway.len();
         let mut sides = Vec::with_capacity(self.whole.len() + self.pieces.len());
         let mut faces = Vec::with_capacity(sides.capacity());
-        // For each corner: its vertex, and the source of its attributes: `Ok` with a corner of a solid, or `Err` with a triangle of a
-        // solid.
+        // For each corner: its vertex, and the source of its attributes. `Ok` is a corner of a solid, to copy from; `Err` is a triangle of
+        // a solid, to interpolate in.
         let mut corners: Vec<(u32, Result<u32, u32>)> = Vec::new();
         for &(face, is_turned) in &self.whole {
             let vertices = of.faces().face(face as usize);
@@ -266,7 +267,8 @@ impl<'a> Cut<'a> {
         Ok(mesh)
     }
 
-    /// Returns the creases of both solids that still exist.
+    /// Returns the creases of both solids whose edges remain in the result. `places` maps each vertex to its index in the result, or
+    /// `u32::MAX`.
     fn creases(&self, places: &[u32]) -> Vec<([u32; 2], f64)> {
         let parts = self.pair.mesh.creases().flat_map(|(edge, sharpness)| {
             self.remaining_parts(edge).into_iter().map(move |ends| (ends, sharpness))
@@ -283,7 +285,7 @@ enum Origin<'a> {
     Halfway([u32; 2]),
 }
 
-/// Returns one row for each item, which `of` fills with pairs of a vertex and its weight.
+/// Returns interpolation weights with one row for each item; `of` fills a row with pairs of an index and its weight.
 fn rows<T>(items: impl Iterator<Item = T>, of: impl Fn(T, &mut Vec<(u32, f64)>)) -> Stencils {
     let (mut starts, mut indices, mut weights) = (vec![0], Vec::new(), Vec::new());
     let mut row = Vec::new();

@@ -1,4 +1,5 @@
-//! An exact predicate that decides on which side of a triangle a point is. It never answers that the point is in the plane of the triangle.
+//! An exact predicate that decides on which side of a triangle's plane a point is. Ties are broken by infinitesimal motions of the points,
+//! so a point is never in the plane, unless the triangle is degenerate.
 
 use std::cmp::Ordering;
 
@@ -30,14 +31,14 @@ impl Site {
     }
 }
 
-/// The grid on whose nodes points are rounded. Its spacing is about 2e-9 of the extent of all points.
+/// The grid to whose nodes points are rounded. Its spacing is about 2e-9 of the extent of all points.
 pub(super) struct Grid {
     middle: Point3<f64>,
     per_mm: f64,
 }
 
 impl Grid {
-    /// Returns the grid that covers some bounds.
+    /// Returns a grid that covers the box between two corners.
     pub(super) fn new([low, high]: [Point3<f64>; 2]) -> Self {
         let half = (high - low).amax() / 2.0;
         // The spacing is a power of two: short binary fractions are then exactly on the grid.
@@ -46,13 +47,13 @@ impl Grid {
         Self { middle, per_mm }
     }
 
-    /// Returns a point that does not move.
+    /// Rounds a point to the grid, without an infinitesimal motion.
     pub(super) fn resting_site(&self, at: &Point3<f64>) -> Site {
         let cells = (at - self.middle) * self.per_mm;
         Site { at: [0, 1, 2].map(|axis| cells[axis].round() as i64), moves: None }
     }
 
-    /// Returns a point that moves in a direction.
+    /// Rounds a point to the grid, with an infinitesimal motion in the direction `along`.
     pub(super) fn moving(&self, at: &Point3<f64>, along: Vector3<f64>) -> Site {
         let unit = along.try_normalize(0.0).unwrap_or_default() * DIRECTION_LENGTH;
         let moves = Some([0, 1, 2].map(|axis| unit[axis].round() as i64));
@@ -65,7 +66,7 @@ impl Grid {
     }
 }
 
-/// The first nonzero term of a polynomial: its index among all terms, and its coefficient.
+/// The first nonzero term of the polynomial of a height: its index among all terms, and its coefficient.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Leading {
     order: u8,
@@ -73,7 +74,7 @@ pub(super) struct Leading {
 }
 
 impl Leading {
-    /// Returns true if the point is above the triangle.
+    /// Returns true if the height is positive: the point is above the triangle.
     pub(super) fn is_above(self) -> bool {
         0 < self.factor
     }
@@ -93,12 +94,13 @@ impl Leading {
     }
 }
 
-/// Returns the height of the last of four points above the triangle of the other three, which is counter-clockwise seen from above. The
-/// height is six times the signed volume.
+/// Returns the signed height of the last of four points above the plane of the first three. Seen from above, the first three are
+/// counter-clockwise. The height is measured as six times the signed volume of the tetrahedron.
 ///
-/// If the volume is zero, the moving points decide. A moving point is `at + e * direction + (d, d^2, d^3)`, where e is infinitesimal and d
-/// is infinitely smaller than each power of e. The volume is a polynomial in e and d, whose first nonzero term counts (Edelsbrunner and
-/// Mucke, "Simulation of simplicity", 1990). All terms are zero only if the triangle is degenerate, or two of its edges are parallel.
+/// If the volume is zero, the infinitesimal motions decide. A moving point is `at + e * direction + (d, d^2, d^3)`, where e is
+/// infinitesimal and d is infinitely smaller than each power of e. The volume is a polynomial in e and d, whose first nonzero term counts
+/// (Edelsbrunner and Mucke, "Simulation of simplicity", 1990). All terms are zero only if the triangle is degenerate, or two of its edges
+/// are parallel.
 pub(super) fn height(sites: [&Site; 4]) -> Leading {
     let volume = determinant(rows(sites, |site| site.at));
     if volume != 0 {
@@ -110,10 +112,10 @@ pub(super) fn height(sites: [&Site; 4]) -> Leading {
     Leading { order, factor }
 }
 
-/// Compares the positions at which an edge crosses two triangles, counted from its first point on.
+/// Compares the positions at which an edge crosses two triangles. Positions are measured from the first point of the edge.
 ///
-/// If the heights `l` and `h` of the edge's ends over a triangle have different signs, the crossing is at the fraction `l / (l - h)`. The
-/// fractions for both triangles are compared as polynomials.
+/// If the heights `l` and `h` of the edge's ends over a triangle have different signs, the crossing is at the fraction `l / (l - h)` of the
+/// edge. The fractions for both triangles are compared as polynomials in `d` and `e`, see `height`.
 pub(super) fn first_of(edge: [&Site; 2], triangles: [[&Site; 3]; 2]) -> Ordering {
     let heights = triangles.map(|[a, b, c]| edge.map(|end| terms([a, b, c, end])));
     let lows = triangles.map(|[a, b, c]| height([a, b, c, edge[0]]).is_above());
@@ -128,11 +130,11 @@ pub(super) fn first_of(edge: [&Site; 2], triangles: [[&Site; 3]; 2]) -> Ordering
     }
     let first = sums.iter().find(|sum| **sum != BigInt::ZERO);
     let order = first.map_or(Ordering::Equal, |sum| sum.cmp(&BigInt::ZERO));
-    // The comparison was multiplied by both denominators. If their product is negative, its result is reversed.
+    // Both fractions were multiplied by both denominators. If the product of the denominators is negative, the order is reversed.
     if lows[0] == lows[1] { order } else { order.reverse() }
 }
 
-/// Returns the coefficients of a height: by the power of `d` from 0 to 3, then by the power of `e`.
+/// Returns the coefficients of the polynomial of a height, see `height`. The first index is the power of `d`, the second the power of `e`.
 fn terms(sites: [&Site; 4]) -> [[i128; 4]; 4] {
     let base = rows(sites, |site| site.at);
     let motion = rows(sites, |site| site.moves.unwrap_or_default());
@@ -159,7 +161,7 @@ fn terms(sites: [&Site; 4]) -> [[i128; 4]; 4] {
         }
     }
     add(0, base, None, &motion, &mut terms);
-    // All points are shifted by the same infinitesimal vector (d, d^2, d^3), so products of two shifts cancel.
+    // All moving points are shifted by the same infinitesimal vector (d, d^2, d^3), so products of two shifts cancel.
     for axis in 0..3 {
         for row in 0..3 {
             let mut own = base;
@@ -216,7 +218,7 @@ mod tests {
             [([0.0, 0.0, 1.0], true), ([1.0, 0.0, -0.1], false), ([1.0, 0.0, 0.0], true)]
         {
             let site = grid().moving(&at, Vector3::from(along));
-            // If the infinitesimal motion is not upward, only the symbolic shift along z is left to decide.
+            // If the infinitesimal motion is in the plane of the triangle, the symbolic shift along z decides.
             assert_eq!(height([&a, &b, &c, &site]).is_above(), is_above, "{along:?}");
             assert_eq!(height([&b, &a, &c, &site]).is_above(), !is_above, "{along:?}");
             assert_eq!(height([&a, &b, &site, &c]).is_above(), !is_above, "{along:?}");

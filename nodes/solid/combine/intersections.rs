@@ -26,15 +26,15 @@ pub(super) struct Pair<'a> {
     pub(super) tolerance: f64,
 }
 
-/// A triangle of a face.
+/// One triangle of a triangulated face.
 pub(super) struct Triangle {
     pub(super) vertices: [u32; 3],
-    /// The corners of the face that the triangle uses.
+    /// Indices of the triangle's corners among all corners of the mesh.
     pub(super) corners: [u32; 3],
     pub(super) face: u32,
 }
 
-/// A point at which an edge of one solid intersects a triangle of the other.
+/// A point at which an edge of one solid intersects a triangle of the other solid.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Meeting {
     /// The vertices of the intersected edge, in ascending order of their indices.
@@ -55,12 +55,12 @@ pub(super) struct Segment {
     pub(super) ends: [u32; 2],
 }
 
-/// All intersection points, and the segments between them.
+/// All intersection points of the surfaces of two solids, and the segments between the points.
 pub(super) struct Meet {
     /// The intersection points, sorted by edge.
     pub(super) meetings: Vec<Meeting>,
     pub(super) segments: Vec<Segment>,
-    /// For each edge, the indices of its intersection points in order along the edge.
+    /// Indices of the intersection points, grouped by edge, and ordered along each edge.
     along: Vec<u32>,
 }
 
@@ -74,8 +74,8 @@ pub(super) struct NoInsideError {
 }
 
 impl<'a> Pair<'a> {
-    /// Combines two solids. `second` is the number of vertices and of faces of the first solid. The second solid grows or shrinks by an
-    /// infinitesimal amount, which decides on which side coplanar walls are.
+    /// Prepares the intersection of two solids, which are merged in `mesh`. `second` is the number of vertices and of faces of the first
+    /// solid. The second solid grows by an infinitesimal amount, or shrinks if `grows` is false; so no faces of both solids are coplanar.
     pub(super) fn new(mesh: &'a Mesh, second: (usize, usize), grows: bool) -> Self {
         let faces = mesh.faces();
         let mut triangles = Vec::with_capacity(faces.corners().len());
@@ -186,7 +186,7 @@ impl<'a> Pair<'a> {
         Meet { meetings, segments, along }
     }
 
-    /// Compares the order of two intersection points along an edge.
+    /// Compares the positions of two intersection points of the same edge.
     fn order(&self, a: &Meeting, b: &Meeting) -> Ordering {
         if 1e-12 < (a.share - b.share).abs() {
             return a.share.total_cmp(&b.share);
@@ -292,8 +292,8 @@ impl<'a> Pair<'a> {
             tell(low, !enters(along[0], &meet.meetings))?;
             tell(high, enters(along[along.len() - 1], &meet.meetings))?;
         }
-        // One winding number is computed per connected component. Counting crossings is not enough: surfaces that touch themselves may have
-        // grown into each other.
+        // Compute one winding number per connected component. Crossings alone are not enough: a surface that touches itself may intersect
+        // itself after the infinitesimal growth.
         let mut parts = UnionFind::new(self.sites.len());
         let mut is_asked = vec![false; self.sites.len()];
         let mut trees = [None, None];
@@ -327,8 +327,8 @@ impl<'a> Pair<'a> {
             .collect())
     }
 
-    /// Returns the winding number of the other solid around a vertex: the number of exits minus the number of entries along a ray in the
-    /// direction of x.
+    /// Returns the winding number of the other solid around a vertex: the number of exits minus the number of entries along a ray from the
+    /// vertex in the direction of x.
     fn windings(&self, vertex: u32, tree: &BoxTree, first: usize) -> i32 {
         let from = self.sites[vertex as usize];
         let to = from.far(3 << 28);

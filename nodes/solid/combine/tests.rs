@@ -160,7 +160,7 @@ fn boxes_with_coplanar_walls() {
     check(&cube([0.; 3]), &cuboid([2., 2., 5.], [3., 3., 5.]), 45.);
     check(&cube([0.; 3]), &cuboid([2., 2., 10.], [3., 3., 5.]), 0.);
     check(&cube([0.; 3]), &cuboid([0., 0., 5.], [10., 10., 5.]), 500.);
-    // The diamond has one edge on the diagonal of a wall, and another edge that crosses edges of the box.
+    // The diamond has one edge on the diagonal of a face of the box, and another edge that crosses edges of the box.
     let diamond = rotate(&cube([-5.; 3]), [0., 0., std::f64::consts::FRAC_PI_4]);
     check(&cube([-5.; 3]), &diamond, 10. * 200. * (2f64.sqrt() - 1.0) * 1.0);
 }
@@ -200,13 +200,13 @@ fn balls_of_many_sizes_and_places() {
 
 #[test]
 fn random_solids_that_share_corners_of_a_coarse_grid() {
-    // All coordinates are integers; therefore nearly all pairs of boxes share edges and walls.
+    // All coordinates are integers, so nearly all pairs of boxes have coincident edges and coplanar faces.
     let mut state = 7u32;
     fn next(below: u32, state: &mut u32) -> f64 {
         *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         f64::from((*state >> 16) % below)
     }
-    // Returns the surface area of the unit cells that an operation leaves.
+    // Returns the expected surface area of the result of an operation, counted on unit cells.
     fn skin(boxes: [([f64; 3], [f64; 3]); 2], how: Operation) -> f64 {
         fn is_in(at: [f64; 3], boxes: &[([f64; 3], [f64; 3]); 2], how: &Operation) -> bool {
             let [a, b] = boxes

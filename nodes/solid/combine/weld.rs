@@ -1,16 +1,16 @@
-//! Removes pieces without an area, and duplicate edges.
+//! Cleans up the pieces of cut triangles: removes pieces without an area, and duplicate edges.
 
 use nalgebra::Vector3;
 
 use super::cut::{Cut, Piece};
 
-/// Used as the opposite of a half-edge if the face on the other side is not cut.
+/// The twin of a half-edge whose other side belongs to a face that is not cut.
 const NONE: u32 = u32::MAX;
 
 /// Maximum number of rounds of flips and collapses. A flip or collapse may make another one possible; a few rounds suffice.
 const ROUNDS: usize = 16;
 
-/// Removes the degenerate pieces that coplanar walls leave: pieces whose corners coincide or are collinear.
+/// Removes the degenerate pieces that result from coplanar faces of two solids: pieces whose corners coincide or are collinear.
 ///
 /// Pieces are triangles connected by half-edges, so that two edges between the same vertices are distinct. An edge whose ends coincide is
 /// collapsed. Two triangles with the same corners are removed. If the corners of a triangle are collinear, its longest edge is flipped. If
@@ -36,7 +36,7 @@ pub(super) fn weld(cut: &mut Cut<'_>) {
     apart.split_duplicate_edges();
 }
 
-/// Returns true if the mesh has short edges, thin triangles, or more than two half-edges between the same vertices.
+/// Returns true if the pieces have short edges, thin triangles, or more than two half-edges between the same vertices.
 fn needs_welding(cut: &Cut<'_>) -> bool {
     let mut edges: Vec<_> = cut
         .pieces
@@ -63,7 +63,7 @@ struct Net<'a, 'b> {
     cut: &'a Cut<'b>,
     pieces: Vec<Piece>,
     is_gone: Vec<bool>,
-    /// The opposite of each half-edge. Half-edge `3 t + k` runs from corner `k` of piece `t` to the next one.
+    /// The opposite of each half-edge, or `NONE`. Half-edge `3 t + k` runs from corner `k` of piece `t` to the piece's next corner.
     twins: Vec<u32>,
     changes: usize,
 }
@@ -81,7 +81,7 @@ impl<'a, 'b> Net<'a, 'b> {
         net
     }
 
-    /// Returns the existing half-edges, grouped by their two vertices.
+    /// Returns the half-edges of the remaining pieces, grouped by their two vertices.
     fn by_edge(&self) -> Vec<Vec<u32>> {
         let mut all: Vec<_> = self.halves().filter(|&half| self.is_there(half)).collect();
         all.sort_by_key(|&half| self.sorted_ends(half));
@@ -128,7 +128,8 @@ impl<'a, 'b> Net<'a, 'b> {
                     .then(self.is_forward(b.1).cmp(&self.is_forward(a.1)))
                     .then(a.1.cmp(&b.1))
             });
-            // Seen along the edge, a solid extends from a face whose half-edge runs backward to the next face whose half-edge runs forward.
+            // In the order of angles around the edge, the inside of a solid extends from a face with a backward half-edge to the next face
+            // with a forward half-edge.
             let mut open = Vec::new();
             let mut pairs: Vec<[u32; 2]> = Vec::new();
             for &(_, half) in round.iter().chain(&round) {
@@ -245,7 +246,7 @@ impl<'a, 'b> Net<'a, 'b> {
         }
     }
 
-    /// Flips the longest edge of a triangle with collinear corners, if neither new triangle is as thin as the old one.
+    /// Flips the longest edge of each triangle with collinear corners, if both new triangles are higher than the tolerance.
     fn flip(&mut self) {
         for piece in 0..self.pieces.len() as u32 {
             let own = self.pieces[piece as usize].vertices;
@@ -278,8 +279,7 @@ impl<'a, 'b> Net<'a, 'b> {
                 self.pieces[place as usize] = Piece { triangle, vertices };
             }
             let [first, second] = places.map(|it| 3 * it);
-            // Connect the outer edges of the two triangles. If two outer edges were connected to each other, the opposite is a half-edge of
-            // the new triangles.
+            // Connect the outer edges of the two triangles. If two of these edges are twins of each other, use the new number of the twin.
             let outer = [to_start, from_start, to_end, from_end];
             let inner = [first, first + 1, second, second + 1];
             let old = [previous(longest), next(back), previous(back), next(longest)];
@@ -303,7 +303,7 @@ fn previous(half: u32) -> u32 {
     half / 3 * 3 + (half + 2) % 3
 }
 
-/// The remaining pieces while vertices are added to them.
+/// The pieces that remain after flips and collapses, while vertices are added to them.
 struct Welder<'a, 'b> {
     cut: &'a mut Cut<'b>,
     pieces: Vec<Piece>,
@@ -322,7 +322,7 @@ impl Welder<'_, '_> {
         self.cut.first_new_vertex() + (self.cut.meetings() + self.cut.halfway.len()) as u32 - 1
     }
 
-    /// Splits a vertex that two fans of pieces share: one fan gets a copy of the vertex.
+    /// Splits each vertex that two fans of pieces share: one fan gets a copy of the vertex.
     fn split_shared_vertices(&mut self) {
         let count =
             self.cut.first_new_vertex() as usize + self.cut.meetings() + self.cut.halfway.len();
@@ -362,7 +362,7 @@ impl Welder<'_, '_> {
 
     /// If several edges connect the same two vertices, splits all but the first at their middle.
     fn split_duplicate_edges(mut self) {
-        // Edges of faces that are not cut stay.
+        // Never split an edge of a face that is not cut.
         let mut seen = self.cut.edges_of_whole_faces();
         let mut middles = vec![NONE; self.twins.len()];
         for half in 0..self.twins.len() as u32 {

@@ -15,7 +15,8 @@ const NODES: Limit = Limit {
     help: "choose a larger `spacing`, or a thicker wall",
 };
 
-/// Number of nodes along an edge of a block. A block is first tested as a whole.
+/// Number of nodes along an edge of a block. The distance of a block's center is measured first; far blocks need no distances of single
+/// nodes.
 const BLOCK: usize = 8;
 
 /// Number of points that are measured between two checks for cancellation; measuring them takes some milliseconds.
@@ -31,7 +32,7 @@ pub(super) struct Depth {
     depths: Vec<f64>,
 }
 
-/// Returns the number of grid nodes along x, y and z, with one extra node at each end.
+/// Returns the number of grid nodes along x, y and z, including extra nodes beyond each end of the box.
 ///
 /// # Errors
 /// Returns an error if the grid has too many nodes.
@@ -173,9 +174,10 @@ impl Depth {
         Ok(distances)
     }
 
-    /// Returns, for each node that is farther from the surface than the spacing, whether it is inside.
+    /// Returns, for each node, true if it is inside of the solid and farther from the surface than the grid spacing.
     ///
-    /// The surface cannot pass between two neighboring nodes of this kind, so connected nodes are on one side of it.
+    /// The surface cannot pass between two neighboring nodes that are both farther than the spacing, so connected nodes are on the same
+    /// side.
     ///
     /// # Errors
     /// Returns an error if the evaluation is cancelled.

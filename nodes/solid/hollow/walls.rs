@@ -1,4 +1,4 @@
-//! Ensures that the walls around a cavity are not thinner than requested.
+//! Ensures the minimum thickness of the wall between a cavity and the outer surface of a solid.
 
 use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{CancelledError, Progress};
@@ -7,14 +7,14 @@ use nalgebra::{Point3, Vector3, center};
 
 use crate::contour::Contour;
 
-/// Maximum number of rounds; further rounds do not improve walls that are made on a grid.
+/// Maximum number of rounds in which vertices move. More rounds do not improve a cavity that was extracted from a grid.
 const ROUNDS: usize = 8;
 
 /// Allowed deficit of a wall's thickness, as a fraction of the thickness.
 const CLOSE: f64 = 1e-3;
 
-/// Maximum fraction of its grid edge along which a vertex may move, if other vertices can move to the same end of the edge. With a limit
-/// below 1, the vertices never coincide, and their faces keep an area.
+/// Maximum motion of a vertex along its grid edge, as a fraction of the edge. Several vertices may move toward the same grid node. With a
+/// limit below 1 they never coincide, so their faces keep an area.
 const FARTHEST: f64 = 0.9;
 
 /// Number of points that are measured between two checks for cancellation; measuring them takes some milliseconds.
@@ -29,7 +29,7 @@ pub(super) fn keep_walls(
     thickness: f64,
     progress: &Progress<'_>,
 ) -> Result<(), CancelledError> {
-    // The faces whose walls must be measured. A measurement stays valid until a corner of the face moves.
+    // The faces at which the thickness of the wall must be measured. A measurement stays valid until a corner of the face moves.
     let mut open = Vec::from_iter(0..contour.triangles.len());
     let starts = contour.points.clone();
     // For each vertex, the distance that it has moved along its grid edge, as a fraction of the edge.

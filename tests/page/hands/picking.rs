@@ -209,7 +209,7 @@ fn colors_pixels_and_places_are_picked_from_what_is_seen() {
     assert_eq!(browser.ask(WANTS), Json::Null);
     // Picking has ended, so another click has no effect.
     click(&mut browser, [middle[0] + 20.0, middle[1]]);
-    // Picks a color in the picture, and a pixel of it.
+    // Picks a color in the picture, and then a pixel.
     look(&mut browser, "scan", "color");
     let [left, top, width, height] = area(&mut browser, "canvas[tabindex]");
     let middle = [left + width / 2.0, top + height / 2.0];

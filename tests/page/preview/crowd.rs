@@ -1,4 +1,4 @@
-//! If thousands of connections are opened by mistake, the watch and its page continue.
+//! Tests that the watch and its page continue if thousands of connections are opened by mistake.
 
 use super::*;
 

@@ -105,7 +105,7 @@ fn a_hand_that_rests_gives_up_the_value_before() {
     page.say(&levels("0"));
     served.watch.wait(|event| event["event"] == "started" && event["node"] == "skin");
     let took = moved.elapsed();
-    // The first value would take seconds. It is not cancelled at once, since drags show intermediate values, but long before it is done.
+    // The first value would take seconds. It is cancelled long before it is done, but not at once, because drags show intermediate values.
     let sensible = Duration::from_millis(120)..Duration::from_millis(2000);
     assert!(sensible.contains(&took), "{took:?}");
     let value = page.wait("value");
@@ -153,7 +153,7 @@ fn a_drag_ends_when_somebody_saves_the_file_and_when_its_page_is_gone() {
     page.drag("growth", 27.0);
     let value = page.wait("value");
     assert_eq!((&value["hash"], &value["live"]), (&json!(of_27), &json!(true)));
-    // The file changes because of the page itself, so a drag that begins at once continues.
+    // The page itself has caused the change of the file, so a drag that begins immediately afterwards is not cancelled.
     page.set("growth", 27.0);
     page.drag("growth", 25.0);
     assert!(page.wait_live(&of_25));

@@ -12,7 +12,7 @@ pub use palette::{GimpPalette, GimpPaletteError, Palette};
 pub use posterize::{Posterize, posterize};
 pub use read_palette::ReadPalette;
 
-/// Pictures in few colors.
+/// The pack of nodes that reduce pictures to few colors.
 pub const PACK: Pack = Pack {
     name: "palette",
     nodes: &[node::<ReadPalette>(), node::<ExtractPalette>(), node::<Posterize>()],
@@ -22,7 +22,7 @@ pub const PACK: Pack = Pack {
     migrations: &[
         // Version 0.2: the node uses a palette instead of making one.
         Migration::Node { old: "PaintPalette", new: "ApplyPalette" },
-        // Version 0.3: the node is named by what it makes, and the number of colors is a count.
+        // Version 0.3: the node is named after its effect, and the number of colors is called `count`.
         Migration::Node { old: "ApplyPalette", new: "Posterize" },
         Migration::Field {
             node: "ExtractPalette",
