@@ -183,7 +183,7 @@ impl Measure {
 /// The result of comparing two values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
-    /// The verdict.
+    /// Whether the values are equal, close enough, or different.
     pub verdict: Verdict,
     /// The reasons for the verdict `Different`: counts or kinds that differ, and limits that are exceeded.
     pub reasons: Vec<String>,

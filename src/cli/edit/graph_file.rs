@@ -150,7 +150,6 @@ pub(crate) enum EditError {
 }
 
 impl EditError {
-    /// Prints the error.
     pub(crate) fn print(self) {
         match self {
             Self::Refused(diagnostics) => report(&diagnostics),

@@ -35,7 +35,7 @@ mod state;
 use page::Change;
 use state::{Check, Running, is_partial, return_to};
 
-/// A running watch.
+/// The state of a running `maquette watch`.
 pub(super) struct Session<'a> {
     command: &'a Watch,
     catalog: &'a Catalog,

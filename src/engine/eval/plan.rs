@@ -196,8 +196,8 @@ impl Evaluator {
             })
     }
 
-    /// Returns true if the node would be computed from the same parts `parts` as before. Inputs whose results are not known yet are not
-    /// compared.
+    /// Returns true if the node would be computed from `parts`, the parts of its last computation. Returns false if the result of an
+    /// input is not known yet.
     fn is_computed_from(
         &self,
         parts: &Parts,

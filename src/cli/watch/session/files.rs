@@ -9,7 +9,7 @@ use super::state::{Check, Running};
 use crate::listen::Event;
 
 impl Session<'_> {
-    /// Handles file events.
+    /// Reads the watched files that the events concern again, except those that are still open for writing.
     pub(super) fn handle_events(&mut self, events: &[Event]) {
         let (mut files, mut moved) = (BTreeSet::new(), false);
         for event in events {
