@@ -1,6 +1,7 @@
-//! Measures the time that a batch adds to its tasks, and the peak memory of the program. Batches of up to a thousand tasks run the example
-//! graph `doll.ron`, and batches of up to ten thousand tasks run a small graph. Each batch runs three times: first without cached results;
-//! then again, when it checks outputs that are too new to be trusted by their dates; and then a third time without changes.
+//! Measures the time that a batch adds to the time of its tasks, and the peak memory of the program. Batches of up to a thousand tasks run
+//! the example graph `doll.ron`; batches of up to ten thousand tasks run a small graph. Each batch runs three times: without cached
+//! results, again right away, and again without changes. The second run reads the outputs to check them, because they are too new to be
+//! trusted by their modification times.
 //!
 //! `cargo bench -p maquette-program --bench batch`
 
@@ -62,7 +63,7 @@ fn main() {
     }
 }
 
-/// Runs a batch and returns its time in seconds and its peak memory in MB.
+/// Runs a batch, and returns its time in seconds and its peak memory in MB.
 fn run(project: &Path, out: &str) -> (f64, u64) {
     let start = Instant::now();
     let mut child = Command::new(env!("CARGO_BIN_EXE_maquette"))

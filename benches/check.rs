@@ -1,4 +1,4 @@
-//! Measures the time to check a graph. The graph reads no capture, so the time is that of the text.
+//! Measures the time to check a graph. The graph reads no files, so this is the time to parse and check its text.
 //!
 //! There is no performance target.
 
@@ -8,7 +8,7 @@ fn main() {
     divan::main();
 }
 
-/// Returns a chain of `nodes` transforms of one mesh, each with an expression.
+/// Returns a graph with a chain of `nodes` transforms of one mesh. Each of them has a parameter given by an expression.
 fn graph(nodes: usize) -> String {
     let chain = (1..nodes).map(|k| {
         format!("        \"n{k}\": Transform(mesh: \"n{}\", translate: (Expr(\"step * {k}\"), 0, Param(\"step\"))),\n", k - 1)

@@ -15,8 +15,8 @@ fn main() {
     divan::main();
 }
 
-/// Returns a wavy sheet with this number of triangles, lifted by `lift` mm. With `shuffled`, its vertices are permuted, the order of its
-/// faces is reversed, and each face begins at another corner.
+/// Creates a wavy sheet with this number of triangles, raised by `lift` mm. If `shuffled` is true, its vertices are permuted, its faces are
+/// in reverse order, and each face begins at another corner.
 fn sheet(triangles: u32, lift: f64, shuffled: bool) -> Mesh {
     let n = f64::from(triangles / 2).sqrt().ceil() as u32 + 1;
     let step = 708.0 / f64::from(n);
@@ -30,7 +30,7 @@ fn sheet(triangles: u32, lift: f64, shuffled: bool) -> Mesh {
     faces.truncate(triangles as usize);
     let mut points: Vec<_> = (0..n * n).map(at).collect();
     if shuffled {
-        // 1 000 003 is a prime that does not divide the number of vertices, so this is a permutation.
+        // This is a permutation, because 1 000 003 is a prime that does not divide the number of vertices.
         let place = |vertex: u32| (u64::from(vertex) * 1_000_003 % u64::from(n * n)) as u32;
         (0..n * n).for_each(|vertex| points[place(vertex) as usize] = at(vertex));
         faces.iter_mut().for_each(|face| *face = [face[1], face[2], face[0]].map(place));
@@ -48,7 +48,7 @@ fn million_faces(bencher: Bencher<'_, '_>, case: &str) {
         _ => (30.0, true),
     };
     let tolerance = Tolerance { max: Some(0.1), ..Tolerance::default() };
-    // The meshes are made anew for each run, because a mesh caches derived data.
+    // Create new meshes for each run, because a mesh caches data derived from it.
     bencher
         .with_inputs(|| {
             (

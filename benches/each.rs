@@ -1,5 +1,5 @@
-//! Measures the cost of a `ForEach` over 5 000 regions of a picture of a megapixel, on two threads. The body is a trivial node, so the time
-//! is that of the engine.
+//! Measures the cost of a `ForEach` loop over 5 000 regions of a picture of a megapixel, on two threads. The node that is repeated is
+//! trivial, so this is the time of the engine itself.
 
 use std::path::PathBuf;
 
@@ -60,7 +60,8 @@ fn first_run(bencher: Bencher<'_, '_>) {
     bencher.with_inputs(session).bench_values(|mut session| run(&mut session, &graph, &labels));
 }
 
-/// Changes one region, another one each time: the node of this region runs, and the node that collects all regions.
+/// Changes one region before each run, a different one each time. Then the node of that region runs, and the node that collects all
+/// regions.
 #[divan::bench(sample_count = 21)]
 fn one_changed(bencher: Bencher<'_, '_>) {
     let (graph, mut session, mut changed) = (load(), session(), 0);

@@ -1,7 +1,7 @@
-//! Measures the overhead of the engine: graphs of trivial nodes, and a cheap node after an expensive one.
+//! Measures the overhead of the engine, with graphs of trivial nodes, and with a cheap node after an expensive one.
 //!
-//! Graphs are evaluated on two threads. Each bench makes the change in its name before each evaluation, and measures only the evaluation.
-//! `benches/peers` runs equal chains and trees on salsa and in Blender.
+//! Graphs are evaluated on two threads. Each bench makes the change that its name describes before each evaluation, and measures only the
+//! evaluation. `benches/peers` runs equal chains and trees in other programs (peers): salsa and Blender.
 //!
 //! There is no performance target: the results are compared with those of the peers.
 
@@ -28,7 +28,7 @@ fn load(text: &str, packs: &[&Pack]) -> Graph {
     checked.graph.unwrap_or_else(|| panic!("{}", checked.diagnostics[0].message))
 }
 
-/// Returns a chain of additions. `changed` gives the index and the number of one node; all others add 1.
+/// Returns a graph with a chain of additions. `changed` is the index of one node and the number that it adds. All other nodes add 1.
 fn chain(changed: Option<(usize, u32)>) -> Graph {
     fn number(k: usize, changed: &Option<(usize, u32)>) -> f64 {
         match *changed {
@@ -79,7 +79,7 @@ fn chain_loaded_again_and_nothing_changed(bencher: Bencher<'_, '_>) {
     });
 }
 
-/// Changes the number of the node at `place` to a new value each time, so its result is never cached.
+/// Evaluates the chain again and again. Each time, the node with the index `place` adds a new number, so its result is not in the cache.
 fn changed_at(bencher: Bencher<'_, '_>, place: usize) {
     let graphs: Vec<_> = (2..66).map(|number| chain(Some((place, number)))).collect();
     let mut evaluator = evaluator();
@@ -126,7 +126,7 @@ fn ring() -> String {
     text
 }
 
-/// Returns a graph that subdivides the torus three times, to 384 000 triangles, and moves the result.
+/// Returns a graph that subdivides the torus three times, to 384 000 triangles, and then moves the result.
 fn subdivision_graph(step: u32) -> Graph {
     let text = format!(
         "Graph(format: 1, nodes: {{
@@ -153,7 +153,8 @@ fn cheap_behind_subdivision_changed(bencher: Bencher<'_, '_>) {
 #[divan::bench(sample_count = 101)]
 fn cheap_behind_subdivision_nothing_changed(bencher: Bencher<'_, '_>) {
     let (graph, mut evaluator) = (subdivision_graph(1), evaluator());
-    // A file that was just written is read again by each evaluation, because another write at nearly the same time might go unnoticed.
+    // Wait, because a file that was just written is read again by each evaluation: a second write at nearly the same time might go
+    // unnoticed.
     std::thread::sleep(std::time::Duration::from_secs(1));
     evaluator.evaluate_nodes(&graph, &["moved"]);
     bencher.bench_local(|| black_box(evaluator.evaluate_nodes(&graph, &["moved"])));

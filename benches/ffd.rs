@@ -1,7 +1,7 @@
-//! Measures the time to deform a million points by handles (free-form deformation). The work equals that of the peers
-//! (`benches/peers/peers.py ffd`): all handles of a jittered grid are moved, with f64 numbers and two threads. `deform_nearly` has a third
-//! of the standard deviations, so distant handles can be skipped. `drag` moves one handle while the others stay. `surface` deforms a mesh
-//! with normals.
+//! Measures the time to deform a million points by handles (free-form deformation). The work equals that of other programs (peers) in
+//! `benches/peers/peers.py ffd`: all handles of a jittered grid are moved, with f64 numbers and two threads. `deform_nearly` uses a third
+//! of the standard deviations, so that distant handles can be skipped. `drag` moves one handle while the others stay. `surface` deforms a
+//! mesh with normals.
 //!
 //! There is no performance target: the results are compared with those of the peers.
 
@@ -19,7 +19,7 @@ fn main() {
 
 const POINTS: usize = 1_000_000;
 
-/// Returns pseudorandom numbers from 0 to 1, made like those in `nurbs.rs`.
+/// Returns a pseudorandom number from 0 to 1, by the same method as in `nurbs.rs`.
 fn noise(k: usize) -> f64 {
     let mut bits = (k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     bits ^= bits >> 29;
@@ -119,7 +119,7 @@ fn surface(bencher: Bencher<'_, '_>, count: usize) {
     deform(bencher, &sheet(), &handles(grid(count), 0.55), DeformOptions::default());
 }
 
-/// Moves one handle, for points without normals and for a mesh with normals.
+/// Moves one handle. Deforms points without normals, or a mesh with normals.
 #[divan::bench(args = ["points", "mesh"])]
 fn drag(bencher: Bencher<'_, '_>, what: &str) {
     let what = if what == "points" { cloud() } else { sheet() };

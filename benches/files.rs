@@ -1,4 +1,5 @@
-//! Measures the time to read, write and process one million triangles and one capture, from bytes in memory instead of a disk.
+//! Measures the time to read, write and process one million triangles and one capture. The files are bytes in memory, so the disk plays no
+//! role.
 //!
 //! There is no performance target.
 
@@ -9,12 +10,12 @@ use maquette_nodes::subdivision::{Boundary, Corners, Creases, Scheme, Subdivisio
 use nalgebra::Point3;
 
 fn main() {
-    // The project's time budgets are for two threads.
+    // Use two threads, for which the project's time limits are stated.
     rayon::ThreadPoolBuilder::new().num_threads(2).build_global().expect("threads");
     divan::main();
 }
 
-/// Returns a wavy sheet of `width` x `height` points.
+/// Returns the points of a wavy sheet, in `height` rows of `width` points.
 fn points(width: usize, height: usize) -> Vec<Point3<f64>> {
     (0..width * height)
         .map(|k: usize| {

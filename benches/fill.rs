@@ -1,17 +1,22 @@
-//! Measures the filling of holes: the time, the distance from the original surface, and whether the result is a manifold without
-//! intersections.
+//! Measures the filling of holes: the time, the distance from the original surface, and if the result is a manifold surface without
+//! self-intersections.
 //!
-//! Prints a table of all methods on all cases, each without and with noise. The cases are those in the data folder (`FILL_DATA`, by default
-//! `../shared/data`), and a bumpy sphere with a hole of 948 vertices (item 7 of the peers' benchmarks). `fill WORD ...` prints the rows
-//! whose case or method contains one of the words. `fill rims` prints the times of large rims, and `fill sizes` the times of thin plates
-//! over one hole in ever finer data. `fill rough WORD ...` compares the roughness of fills with that of the original and of the
-//! neighborhood, in the rows that contain all of the words. Two other programs fill the same holes if they are available: `CGAL_FILL` names
-//! the program built from `benches/peers/cgal_fill.cpp`, and `MESHLIB_PYTHON` a Python with MeshLib. `benches/peers/peers.py holes` builds
-//! both and sets the variables.
+//! Prints a table of all methods on all cases, each without and with noise. The cases are the meshes in the data folder (`FILL_DATA`, by
+//! default `../shared/data`), and a bumpy sphere with a hole of 948 vertices (item 7 of the benchmarks of other programs, the peers).
 //!
-//! Times are the minimum of several runs of the public function, on values in memory. Distances are divided by the mean length of edges:
-//! the distances of points all over the filled part from the original (root mean square and maximum), and the distances of the removed
-//! vertices from the filled mesh.
+//! - `fill WORD ...` prints the rows whose case or method contains one of the words.
+//! - `fill rims` prints the times for holes with many edges.
+//! - `fill sizes` prints the times of thin plates over one hole in ever finer meshes.
+//! - `fill rough WORD ...` compares the roughness of filled parts with that of the original and of the neighborhood. It prints the rows
+//!   that contain all of the words.
+//!
+//! Two other programs fill the same holes if they are available. `CGAL_FILL` is the path of the program that is built from
+//! `benches/peers/cgal_fill.cpp`, and `MESHLIB_PYTHON` is the path of a Python with MeshLib. `benches/peers/peers.py holes` builds both and
+//! sets the variables.
+//!
+//! Times are the minimum of several runs of the public function, on values in memory. Distances are divided by the mean length of edges.
+//! Two kinds are measured: the distances of points all over the filled part from the original surface (root mean square and maximum), and
+//! the distances of the removed vertices from the filled mesh.
 //!
 //! There is no performance target: the results are compared with those of the peers.
 
@@ -38,11 +43,11 @@ mod cases;
 #[path = "fill/judge.rs"]
 mod judge;
 
-/// Standard deviations of the noise, relative to the mean length of edges.
+/// The standard deviations of the noise, as fractions of the mean length of edges.
 const NOISE: [f64; 2] = [0.05, 0.2];
 
 fn main() {
-    // The allocator keeps freed memory and two threads are used, as in an evaluator.
+    // Keep freed memory and use two threads, as an evaluator does.
     maquette::memory::keep_freed();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
     pool.install(measure);
@@ -119,16 +124,16 @@ fn peers() -> Vec<(&'static str, Vec<OsString>)> {
     peers
 }
 
-/// The models in the paper of Kawai, Sato and Yokoya (2008): name, numbers of vertices and of missing vertices, published time in seconds,
-/// and the case here that is similar in kind and size.
+/// The models in the paper of Kawai, Sato and Yokoya (2008). Each has its name, the number of vertices and of missing vertices, the
+/// published time in seconds, and the case in this bench that is similar in kind and size.
 const MODELS: [(&str, [u32; 2], f64, &str); 3] = [
     ("A, smooth", [5122, 1094], 1304.0, "holes/smooth_blob"),
     ("B, sharp", [3329, 1432], 186.0, "holes/sharp_nut"),
     ("C, relief", [18610, 667], 4070.0, "holes/rugged_mountain"),
 ];
 
-/// Prints the times that Kawai, Sato and Yokoya report (2008, table 1) beside the times of the default method on similar cases. They report
-/// no distances.
+/// Prints the times of the default method beside the times that Kawai, Sato and Yokoya report for similar cases (2008, table 1). They
+/// report no distances.
 fn model_classes(cases: &[Case]) {
     println!(
         "\npublished model, data/missing, seconds on a Xeon of 3.0 GHz; ours of that size, seconds"
@@ -230,7 +235,7 @@ fn obj(mesh: &Mesh) -> String {
     text
 }
 
-/// Lets another program fill the mesh: `COMMAND IN OUT SKIP` writes the file OUT and prints the time in milliseconds.
+/// Fills the mesh with another program. The command `COMMAND IN OUT SKIP` writes the file OUT, and prints its time in milliseconds.
 fn fill_by(case: &Case, name: &str, command: &[OsString]) {
     let folder = std::env::temp_dir();
     fn temporary_file(what: &str, folder: &Path) -> std::path::PathBuf {
@@ -246,7 +251,7 @@ fn fill_by(case: &Case, name: &str, command: &[OsString]) {
         let _ = writeln!(text, "{} {} {}", f[0], f[1], f[2]);
     });
     std::fs::write(&input, text).expect("a folder for temporary files");
-    // If the original mesh is open, it has an outer border. This border is not a hole, so the other program must skip it.
+    // Tell the other program to skip the outer border if the original mesh has one, because that border is not a hole.
     let skipped = u8::from(case.truth.edges().faces.contains(&1)).to_string();
     let run = Command::new(&command[0])
         .args(&command[1..])
@@ -266,7 +271,7 @@ fn fill_by(case: &Case, name: &str, command: &[OsString]) {
     let _ = (std::fs::remove_file(&input), std::fs::remove_file(&output));
 }
 
-/// Prints the times of `Flat` for rims of many edges. CGAL's manual reports such times, without refinement.
+/// Prints the times of the method `Flat` for holes with many edges. CGAL's manual reports such times, without refinement.
 fn large_rims() {
     for count in [565u32, 774, 967, 2000, 7657] {
         let mesh = band(count);
@@ -283,7 +288,7 @@ fn large_rims() {
     }
 }
 
-/// Prints how the time of a thin plate grows with the number of vertices that it adds.
+/// Prints how the time of a thin plate grows with the number of added vertices.
 fn sizes() {
     for frequency in [23, 45, 90, 180] {
         let case = bumpy_sphere(frequency);
@@ -304,7 +309,7 @@ fn sizes() {
     }
 }
 
-/// Prints the roughness of fills relative to that of the original and of the neighborhood.
+/// Prints the roughness of filled parts, relative to that of the original and of the neighborhood.
 fn roughness(words: &[String]) {
     let words: Vec<&String> = words.iter().filter(|word| *word != "rough").collect();
     println!(
@@ -332,7 +337,7 @@ fn roughness(words: &[String]) {
     }
 }
 
-/// Returns a band along a wavy closed curve, whose inner border has `count` edges.
+/// Returns a band of faces along a wavy closed curve. Its inner border has `count` edges.
 fn band(count: u32) -> Mesh {
     fn border_point(k: u32, out: f64, count: u32) -> Point3<f64> {
         let angle = std::f64::consts::TAU * f64::from(k) / f64::from(count);

@@ -1,6 +1,7 @@
-//! Measures the time and memory to find the control mesh of a subdivision surface through given vertices, with two threads and including
-//! all preparation. The meshes are those of the peers' benchmarks if they exist, otherwise similar tori. `cargo bench -p maquette-tests
-//! --bench interpolate -- WORD` runs the rows whose names contain the word. Each row of the table shows its target in milliseconds (`bar`).
+//! Measures the time and memory to find the control mesh of a subdivision surface that passes through given vertices. Uses two threads, and
+//! includes all preparation. The meshes are those of the benchmarks of other programs (peers) if they exist, otherwise similar tori. `cargo
+//! bench -p maquette-tests --bench interpolate -- WORD` runs the rows whose names contain the word. Each row of the table shows its target
+//! in milliseconds (`bar`).
 
 #![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]
 
@@ -23,7 +24,7 @@ use maquette_nodes::subdivision::{
 mod peers;
 
 fn main() {
-    // The allocator keeps freed memory, as in an evaluator.
+    // Keep freed memory, as an evaluator does.
     maquette::memory::keep_freed();
     let words: Vec<_> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let table = Table { words };
@@ -38,7 +39,7 @@ fn main() {
     });
 }
 
-/// Interpolates the peers' meshes, to a millionth of the diagonal.
+/// Interpolates the vertices of the peers' meshes, to a millionth of the diagonal.
 fn interpolate_files(table: &Table) {
     for (scheme, name, sides, bar) in [
         (Scheme::Loop, "int_tri", 3, Some(5.0)),
@@ -51,7 +52,7 @@ fn interpolate_files(table: &Table) {
     }
 }
 
-/// Interpolates tori, each with ten times as many vertices as the one before.
+/// Interpolates the vertices of tori, each with ten times as many vertices as the previous one.
 fn sizes(table: &Table) {
     for (scheme, sides) in [(Scheme::Loop, 3), (Scheme::CatmullClark, 4), (Scheme::DooSabin, 4)] {
         for (count, runs) in [(2_000, 31), (20_000, 31), (200_000, 11), (2_000_000, 3)] {
@@ -71,7 +72,7 @@ fn interpolate_mesh(mesh: &Mesh, scheme: Scheme) -> Mesh {
     found.shape
 }
 
-/// Interpolates the doll of the example graphs to 1e-5 of the diagonal, by the published iteration with nearest points.
+/// Interpolates the vertices of the doll in the example graphs, to 1e-5 of the diagonal, by the published iteration with nearest points.
 fn interpolate_published(table: &Table) {
     let mesh = read_mesh(&example("coarse.obj"), "obj").expect("a mesh");
     for (scheme, bar) in
@@ -90,13 +91,13 @@ fn interpolate_published(table: &Table) {
     }
 }
 
-/// Reads a file of the doll of the example graphs.
+/// Reads a file of the doll in the example graphs.
 fn example(name: &str) -> Vec<u8> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/doll");
     std::fs::read(folder.join(name)).expect("a file of the example graphs")
 }
 
-/// Fits a subdivision surface with a twentieth of the triangles to the doll's scan, and prints the distances between both.
+/// Fits a subdivision surface to the doll's scan, with a twentieth of its triangles, and prints the distances between the two.
 fn fit(table: &Table) {
     let name = "fit of the doll's scan";
     if !table.has(name) {
@@ -152,7 +153,7 @@ fn edit(table: &Table) {
     }
 }
 
-/// Prints the rows whose names contain one of the words.
+/// A table that prints only the rows whose names contain one of the words.
 struct Table {
     words: Vec<String>,
 }
@@ -162,13 +163,13 @@ impl Table {
         self.words.is_empty() || self.words.iter().any(|word| name.contains(&**word))
     }
 
-    /// Runs the work once to measure its peak memory, and then repeatedly to measure its time.
+    /// Prints a row. Runs the work once to measure its peak memory, and then `runs` times to measure its time.
     fn row<T>(&self, name: &str, bar: Option<f64>, runs: usize, run: impl Fn() -> T) {
         if !self.has(name) {
             return;
         }
         let before = memory("VmRSS");
-        // Resets the peak memory of this process, on Linux.
+        // On Linux, reset the peak memory of this process.
         let _ = std::fs::write("/proc/self/clear_refs", "5");
         drop(black_box(run()));
         let peak = memory("VmHWM") - before;
@@ -188,7 +189,7 @@ impl Table {
     }
 }
 
-/// Returns a memory figure of this process in MB, or 0 if the system does not report it.
+/// Returns the memory figure with this name in `/proc/self/status`, in MB. Returns 0 if the system does not report it.
 fn memory(name: &str) -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'));
@@ -196,7 +197,7 @@ fn memory(name: &str) -> f64 {
     kilobytes.unwrap_or(0.0) / 1024.0
 }
 
-/// Returns a bumpy torus of about `count` vertices, with `sides` sides per face.
+/// Creates a bumpy torus of about `count` vertices, whose faces have `sides` sides.
 fn torus(sides: usize, count: u32) -> Mesh {
     let rows = (f64::from(count) / 2.0).sqrt() as u32;
     peers::torus(sides, [rows, count / rows], 0.01)

@@ -1,8 +1,8 @@
-//! Measures the cost of a local change with two threads, in memory, compared with computing everything again. The doll's nose grows by a
-//! millimeter under four levels of subdivision, which give about 10 million faces. Then a fraction of the control vertices is moved, and a
-//! fraction of the vertices of the surface itself.
+//! Measures the cost of a local change, on two threads and in memory, compared with computing everything again. First the nose of the
+//! example doll grows by a millimeter under four levels of subdivision, which give about 10 million faces. Then a fraction of the control
+//! vertices is moved, and finally a fraction of the vertices of the surface itself.
 //!
-//! Target: at most 40 ms for the nose.
+//! Target: at most 40 ms for growing the nose.
 
 #![allow(clippy::print_stdout, reason = "whoever measures must know what was measured")]
 
@@ -21,10 +21,11 @@ use serde::{Deserialize, Serialize};
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 
-/// Number of measurements; their median is reported.
+/// The number of measurements; their median is reported.
 const SAMPLES: usize = 11;
 
-/// Memory for results in bytes, the program's default. With more memory, all old values would be kept and none could be updated in place.
+/// The memory for results in bytes, which is the program's default. With more memory, all old values would be kept, and none could be
+/// updated in place.
 const MEMORY: usize = 2_000_000_000;
 
 /// Moves the first vertices of a mesh along z.
@@ -105,7 +106,7 @@ fn load(path: &Path, parameters: &[(&str, f64)]) -> Graph {
     graph.unwrap_or_else(|| panic!("{}", problems[0].message))
 }
 
-/// Writes the example graph `doll.ron` with additional nodes that move vertices.
+/// Writes a copy of the example graph `doll.ron` with additional nodes that move vertices.
 fn project() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     fs::create_dir(folder.path().join("doll")).expect("a folder");
@@ -143,8 +144,8 @@ fn evaluator() -> Evaluator {
     Evaluator::new(2, MEMORY).expect("threads")
 }
 
-/// Evaluates the graphs one after the other. Returns the median time in milliseconds from a changed parameter to the target, and the median
-/// time of each node.
+/// Evaluates the graphs one after the other. Returns the median time in milliseconds from a changed parameter to the value of the node
+/// `target`, and the median time of each node.
 fn changes(evaluator: &mut Evaluator, graphs: &[Graph], target: &str) -> (f64, Vec<(String, f64)>) {
     let mut nodes: Vec<(String, Vec<f64>)> = Vec::new();
     let mut times = Vec::new();
@@ -196,23 +197,24 @@ fn mesh(evaluator: &mut Evaluator, graph: &Graph, node: &str) -> Mesh {
     mesh.cloned().expect("a mesh")
 }
 
-/// Makes a virtual machine request its host's memory in advance: the host may have taken back unused memory, and getting 2 MiB of it again
-/// can cost milliseconds. Also makes the allocator keep freed memory, as the program does.
+/// Makes a virtual machine get memory from its host in advance. The host may have taken back unused memory, and getting 2 MiB of it again
+/// can take milliseconds. Also makes the allocator keep freed memory, as the program does.
 fn warm_up() {
     maquette::memory::keep_freed();
     let mut memory: Vec<u8> = maquette::memory::huge_vec(4 << 30);
     memory.iter_mut().step_by(4096).for_each(|byte| *byte = 1);
 }
 
-/// Returns two medians in milliseconds: the time of a node to update its result for a changed input, and to compute it again.
+/// Returns two median times in milliseconds: for updating the result of a node after its input has changed, and for computing it from
+/// scratch.
 fn time_updates(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> [f64; 2] {
-    // The memory limit is high, because memory that several values share is counted once for each of them.
+    // Use a high memory limit, because memory that several values share is counted once for each of them.
     let mut own = Evaluator::new(2, 16 << 30).expect("threads");
     let mut times = [Vec::new(), Vec::new()];
     warm_up();
     for k in 0..=14 {
         let graph = graph(k);
-        // If the input was already computed by an earlier evaluation, the node cannot update its result and computes it again.
+        // Evaluate the input in advance in half of the cases. Then the node cannot update its result, and computes it from scratch.
         if k % 2 == 0 {
             own.evaluate_nodes(&graph, &[from]);
         }
@@ -233,7 +235,8 @@ fn time_updates(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> [f64;
     times.map(median)
 }
 
-/// Prints the times of nodes that depend on the surface when some of its vertices move, and the times of blending when the nose grows.
+/// Prints the times of nodes that depend on the surface, when some of its vertices move. Also prints the times of blending when the nose
+/// grows.
 fn followers(path: &Path) {
     fn row(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> String {
         let [followed, anew] = time_updates(node, from, graph);

@@ -1,5 +1,5 @@
-//! Measures how soon an editor gets answers for a graph of 500 nodes that uses another graph. Each kind of request is sent a hundred times
-//! at different positions, each time after a keystroke.
+//! Measures how fast the language server answers an editor, for a graph of 500 nodes that uses another graph. Each kind of request is sent
+//! a hundred times at different positions, each time after a keystroke.
 //!
 //! `cargo bench -p maquette-program --bench lsp` prints the median and the 95th percentile in ms.
 
@@ -19,7 +19,7 @@ const TIMES: usize = 100;
 const FEATURE: &str = "Graph(format: 1, inputs: { \"mesh\": Mesh(doc: \"\") }, params: { \"lift\": Number(default: 1.0, unit: \"mm\", doc: \"\") }, \
                        nodes: { \"moved\": Transform(mesh: \"mesh\", translate: (0, Param(\"lift\"), 0)) }, outputs: { \"mesh\": \"moved\" })\n";
 
-/// Returns a chain of nodes, every tenth of which is a use of the other graph.
+/// Returns a graph with a chain of nodes. Every tenth node uses the other graph.
 fn graph() -> String {
     let mut text = "Graph(\n    format: 1,\n    use: { \"Feature\": \"feature.ron\" },\n    params: { \"growth\": Number(default: 2.0, unit: \"mm\", doc: \"\") },\n    nodes: {\n        \"n0\": ReadMesh(path: \"ball.obj\"),\n".to_owned();
     for index in 1..NODES {
@@ -133,7 +133,7 @@ fn evaluate(settings: &Settings, path: &Path) {
 fn measure(editor: &mut Editor, text: &str, method: &str) {
     let mut times = Vec::with_capacity(TIMES);
     for index in 0..TIMES {
-        // Numbers in the text change, as after a keystroke, and then the request is sent for the line of a node.
+        // Change a number in the text, like a keystroke, and then send the request for the line of a node.
         let node = 5 * index + 3;
         let new = text.replacen("1.01", &format!("1.{index:03}"), 1 + index % 7);
         let line =
@@ -179,7 +179,7 @@ fn measure(editor: &mut Editor, text: &str, method: &str) {
     );
 }
 
-/// Returns the request that an editor sends when the user chooses an action.
+/// Returns the request that an editor sends after the user has chosen a code action.
 fn resolve_request(data: &Json) -> (String, Json) {
     ("codeAction/resolve".into(), json!({ "title": "", "data": data }))
 }

@@ -1,4 +1,4 @@
-//! Measures the time to evaluate a NURBS surface on a grid of 2000 x 2000 parameters. Its net has 200 x 200 points with random weights.
+//! Measures the time to evaluate a NURBS surface at 2000 x 2000 parameters. Its control net has 200 x 200 points with random weights.
 //!
 //! There is no performance target: the results are compared with those of the peers.
 
@@ -12,7 +12,7 @@ fn main() {
 const NET: usize = 200;
 const GRID: usize = 2000;
 
-/// Returns pseudorandom numbers from 0 to 1: multiples of the golden ratio, mixed.
+/// Returns a pseudorandom number from 0 to 1: a multiple of the golden ratio whose bits are mixed.
 fn noise(k: usize) -> f64 {
     let mut bits = (k as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     bits ^= bits >> 29;

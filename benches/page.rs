@@ -1,23 +1,23 @@
 //! Measures the speed and the memory of the live page, in a real Chromium that draws without a graphics card. The limits in parentheses
-//! must hold on a quiet machine:
+//! must be met on a quiet machine:
 //!
 //! - the time from a save of the graph until the picture changes, with 20 000 triangles,
 //! - the time from a move of a slider until its picture is drawn, with 20 000 triangles,
 //! - the time from the message of a value until 1.5 million moved triangles are in the buffers of the graphics card (150 ms),
-//! - the fraction of a value's bytes that a local edit sends (a tenth),
-//! - the time until the page is notified of a local edit of 10.8 million triangles, after a save (800 ms) or a slider's move (300 ms),
-//! - for this edit, the time until it is in the buffers (300 ms) and the amount of data that is sent (10 MB),
+//! - the fraction of a value's bytes that is sent after a local edit (a tenth),
+//! - the time until the page is told of a local edit of 10.8 million triangles, after a save (800 ms) or a move of a slider (300 ms),
+//! - for the same edit, the time until it is in the buffers (300 ms), and the amount of data that is sent (10 MB),
 //! - the additional memory after 500 edits (none),
-//! - the time until eight pages show a save.
+//! - the time until eight open pages show a save.
 //!
-//! `cargo bench -p maquette-program --bench page` needs Chromium and takes about eight minutes, four of them to draw large values without a
-//! graphics card.
-//! Arguments select single measurements: `told`, `small`, `large`, `local`, `ten-million`, `tabs`.
+//! `cargo bench -p maquette-program --bench page` needs Chromium and takes about eight minutes. Four of these are for drawing large values
+//! without a graphics card. Arguments select single measurements: `told`, `small`, `large`, `local`, `ten-million`, `tabs`.
 //!
-//! Results on two cores without a graphics card: a save is visible after 130 ms, and a moved slider after 76 ms (20 000 triangles). 1.5
-//! million moved triangles take 12 MB and are in the buffers after 50 ms. A changed nose of the doll sends 3 % of the value's bytes. 500
-//! edits leave the page as large as before. Eight pages show a save after 95 ms. A page is notified of ten million triangles 130 ms after a
-//! save or a slider's move; `told` measures this without drawing, because drawing without a graphics card takes all cores for seconds.
+//! Results on two cores without a graphics card: with 20 000 triangles, a save is visible after 130 ms, and a move of a slider after 76 ms.
+//! 1.5 million moved triangles take 12 MB and are in the buffers after 50 ms. When the nose of the doll changes, 3 % of the value's bytes
+//! are sent. After 500 edits the page needs as much memory as before. Eight pages show a save after 95 ms. A page is told of ten million
+//! changed triangles 130 ms after a save or a move of a slider. `told` measures this without drawing, because drawing without a graphics
+//! card occupies all cores for seconds.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
@@ -75,7 +75,7 @@ fn say_times(what: &str, mut times: Vec<f64>) {
     ));
 }
 
-/// Starts a watch of a wavy sheet of `side` x `side` points, which a parameter rotates.
+/// Starts a watch of a graph with a wavy sheet of `side` x `side` points, which a parameter rotates.
 fn sheet(side: usize) -> Watch {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let mut file = String::from("ply\nformat ascii 1.0\n");
@@ -117,13 +117,13 @@ fn doll(levels: usize) -> Watch {
     Watch::start(folder, &text.replace("\"levels\": Integer(default: 1", &levels))
 }
 
-/// Returns the milliseconds since 1970, comparable with the clock of the page.
+/// Returns the milliseconds since 1970. The clock of the page has the same origin.
 fn now() -> f64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).expect("a clock");
     since.as_secs_f64() * 1e3
 }
 
-/// Opens the page of a watch, selects a node, and installs an observer that records when each value is drawn.
+/// Opens the page of a watch, selects a node in it, and installs an observer that records when each value is drawn.
 fn open(browser: &mut Browser, watch: &Watch, node: &str) {
     browser.open("about:blank");
     browser.open(&watch.link);
@@ -142,7 +142,7 @@ fn open(browser: &mut Browser, watch: &Watch, node: &str) {
     );
 }
 
-/// Waits for the drawing after `before` others, and returns its time.
+/// Waits until more than `before` values have been drawn, and returns the time at which the next one was drawn.
 fn next_drawn(browser: &mut Browser, before: usize) -> f64 {
     browser.wait(&format!("drawn.length > {before}"));
     browser.ask(&format!("drawn[{before}][0]")).as_f64().expect("a time")
@@ -174,7 +174,7 @@ fn small(browser: &mut Browser) {
     memory(browser, &mut watch);
 }
 
-/// Moves the slider of the first parameter, and returns the time of the move.
+/// Moves the slider of the first parameter, and returns the time at which it was moved.
 fn slide(browser: &mut Browser, value: u32) -> f64 {
     let moved = browser.ask(&format!(
         "(() => {{ const slider = document.querySelector('.parameter input[type=range]'); \
@@ -184,8 +184,8 @@ fn slide(browser: &mut Browser, value: u32) -> f64 {
     moved.as_f64().expect("a time")
 }
 
-/// Measures the memory before and after 500 edits. 300 other edits come first, so that the page already keeps as much data as its limit
-/// allows. The program reaches its own limit a little later.
+/// Measures the memory before and after 500 edits. 300 edits come first, so that the page already keeps as much data as it may. The program
+/// itself reaches its limit a little later.
 fn memory(browser: &mut Browser, watch: &mut Watch) {
     fn heap_size(browser: &mut Browser) -> [f64; 2] {
         browser.call("HeapProfiler.collectGarbage", json!({}));
@@ -228,7 +228,7 @@ fn large(browser: &mut Browser) {
     say(&format!("for which {:.1} MB were sent", bytes / 1e6));
 }
 
-/// Waits until drawing has finished. Without a graphics card this takes seconds for large values, and it is not part of the measurement.
+/// Waits until drawing has finished. Without a graphics card that takes seconds for large values, which the measurement must not include.
 fn wait_for_drawing(browser: &mut Browser) {
     browser.ask(
         "document.querySelector('canvas[tabindex]').getContext('webgl2').readPixels(0, 0, 1, 1, 6408, 5121, new Uint8Array(4))",
@@ -255,7 +255,7 @@ fn local(browser: &mut Browser) {
 }
 
 /// Returns two numbers about the last drawn value: the milliseconds from its message until its data is in the buffers of the graphics card,
-/// and the number of bytes received.
+/// and the number of received bytes.
 fn last_value(browser: &mut Browser) -> [f64; 2] {
     let measure = "(() => { const [it] = performance.getEntriesByName('value'); \
                    return [it.duration, it.detail.bytes]; })()";
@@ -263,8 +263,8 @@ fn last_value(browser: &mut Browser) -> [f64; 2] {
     [0, 1].map(|k| measured[k].as_f64().expect("a number"))
 }
 
-/// Measures when a page is notified that the nose of the example graph `doll.ron` grows, under four levels of subdivision. The page does
-/// not draw, because drawing without a graphics card would take all cores.
+/// Measures when a page is told that the nose of the example doll grows, under four levels of subdivision. The page does not draw, because
+/// drawing without a graphics card would occupy all cores.
 fn measure_messages() {
     let watch = doll(4);
     let mut page = Page::open(&watch);
@@ -320,7 +320,7 @@ fn tabs(browser: &mut Browser) {
     say(&format!("from a save to the pixels of eight pages: {:.0} ms", last - saved));
 }
 
-/// A page's WebSocket without a browser.
+/// The WebSocket of a page, without a browser.
 struct Page(WebSocket<TcpStream>);
 
 impl Page {
@@ -342,11 +342,11 @@ impl Page {
         self.0.send(Message::Text(wish.to_string().into())).expect("somebody hears it");
     }
 
-    /// Makes several changes and returns the milliseconds from each change to the next value.
+    /// Calls `change` several times. Returns the milliseconds from each change to the next message with a value.
     fn times(&mut self, change: impl Fn(&mut Self, u32)) -> Vec<f64> {
         (0..11)
             .map(|k| {
-                // Waits until nothing of the last edit is being written anymore.
+                // Wait until nothing of the last edit is being written.
                 std::thread::sleep(Duration::from_secs(1));
                 let start = now();
                 change(self, k);
@@ -368,7 +368,7 @@ impl Page {
     }
 }
 
-/// A watch with a live page.
+/// A running watch that serves a live page.
 struct Watch {
     folder: tempfile::TempDir,
     text: String,
@@ -402,7 +402,7 @@ impl Watch {
         Self { folder, text: text.to_owned(), process, link }
     }
 
-    /// Saves the graph as most editors do, by renaming a new file.
+    /// Saves the graph as most editors do: writes a new file and renames it.
     fn save(&self, text: &str) {
         let graph = self.folder.path().join("graph.ron");
         let temporary = graph.with_extension("new");
@@ -410,7 +410,7 @@ impl Watch {
         std::fs::rename(temporary, graph).expect("a save");
     }
 
-    /// Returns the graph with this value of the parameter.
+    /// Returns the text of the graph in which the parameter has this default value.
     fn with_default(&self, value: f64) -> String {
         self.text.replace("default: 12.0", &format!("default: {value:.2}"))
     }

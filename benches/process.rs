@@ -1,4 +1,4 @@
-//! Measures the time of a whole run, from the start of the process to the last file.
+//! Measures the time of a whole run of the program, from the start of the process until the last output file is written.
 //!
 //! There is no performance target.
 

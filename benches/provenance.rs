@@ -1,5 +1,5 @@
-//! Measures the cost of recording the provenance in files: a mesh of a million triangles is written to PLY and to GLB, with and without the
-//! record.
+//! Measures the cost of recording the provenance in output files. A mesh of a million triangles is written as PLY and as GLB, with and
+//! without the record.
 //!
 //! There is no performance target.
 
@@ -13,7 +13,7 @@ fn main() {
     divan::main();
 }
 
-/// Returns a wavy sheet of a million triangles.
+/// Creates a wavy sheet of a million triangles.
 fn sheet() -> Mesh {
     let (width, height) = (1001_u32, 501_u32);
     let quads = (0..height - 1).flat_map(|row| (0..width - 1).map(move |k| row * width + k));
@@ -34,7 +34,7 @@ fn sheet() -> Mesh {
     .expect("a mesh")
 }
 
-/// Runs a graph whose only output is the sheet, on two threads.
+/// Runs a graph on two threads. Its only output is the sheet, in the format with the extension `ending`.
 fn ran(ending: &str) -> (Session, RunResult) {
     let folder = tempfile::tempdir().expect("a folder");
     let bytes = ply::encode(&sheet()).expect("a file");

@@ -1,9 +1,10 @@
-//! Measures the time to reconstruct a surface from points, with two threads and including all preparation, and its distance from the
-//! surface on which the points lie. `cargo bench -p maquette-tests --bench reconstruct -- WORD` runs the rows whose names contain the word.
+//! Measures the time to reconstruct a surface from points, and the distance of the result from the surface on which the points were
+//! sampled. Uses two threads, and includes all preparation. `cargo bench -p maquette-tests --bench reconstruct -- WORD` runs the rows whose
+//! names contain the word.
 //!
-//! The points are evenly distributed on a torus. The noise is normal, and its standard deviation is given as a fraction of the diagonal of
-//! the bounding box. Distances are root mean squares over the vertices, divided by the mean distance between points. The target for 100 000
-//! points is 2 s and a distance of 0.5.
+//! The points are evenly distributed on a torus. The noise is normally distributed; its standard deviation is given as a fraction of the
+//! diagonal of the bounding box. The measured distance is the root mean square over the vertices, divided by the mean distance between
+//! points. The target for 100 000 points is a time of 2 s and a distance of 0.5.
 
 #![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]
 
@@ -18,7 +19,7 @@ use maquette_nodes::subdivision::Scattered;
 use nalgebra::{Point3, Vector3};
 
 fn main() {
-    // The allocator keeps freed memory, as in an evaluator.
+    // Keep freed memory, as an evaluator does.
     maquette::memory::keep_freed();
     let words: Vec<_> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     println!("{:44} {:>9} {:>9} {:>9} {:>9}", "milliseconds", "median", "least", "vertices", "off");
@@ -60,7 +61,7 @@ fn row(name: &str, runs: usize, points: &Points) {
     println!("{name:44} {median:9.1} {least:9.1} {vertices:9} {off:9.3}");
 }
 
-/// Major radius of the torus in mm. `TUBE` is the minor radius.
+/// The major radius (`ROUND`) and the minor radius (`TUBE`) of the torus, in mm.
 const ROUND: f64 = 40.0;
 const TUBE: f64 = 15.0;
 
@@ -85,7 +86,7 @@ fn torus(count: usize, noise: f64, normals: bool) -> Points {
     while places.len() < count {
         let [u, v] = [0, 1].map(|_| std::f64::consts::TAU * random.even());
         let radius = ROUND + TUBE * libm::cos(v);
-        // Rejects more points on the inner side, where the area is smaller, so the points are evenly distributed.
+        // Reject more points on the inner side, where the area is smaller, so that the points are evenly distributed.
         if random.even() * (ROUND + TUBE) < radius {
             let (s, c) = libm::sincos(u);
             let out = Vector3::new(libm::cos(v) * c, libm::sin(v), libm::cos(v) * s);
@@ -102,13 +103,13 @@ fn torus(count: usize, noise: f64, normals: bool) -> Points {
     points.with_attribute("normal", Attribute::Vector(outwards.into())).expect("one for each")
 }
 
-/// Random numbers with a normal distribution.
+/// Generates normally distributed random numbers.
 trait Noise {
     fn normal(&mut self, deviation: f64) -> f64;
 }
 
 impl Noise for Random {
-    /// Returns a number with this standard deviation (Box and Muller, 1958).
+    /// Returns a random number with the mean 0 and this standard deviation (Box and Muller, 1958).
     fn normal(&mut self, deviation: f64) -> f64 {
         let angle = std::f64::consts::TAU * self.even();
         deviation * (-2.0 * libm::log(1.0 - self.even())).sqrt() * libm::cos(angle)

@@ -1,6 +1,6 @@
-//! Measures the cost of graphs that use other graphs: 2 041 uses, nested three deep, of a graph with two trivial nodes.
+//! Measures the cost of graphs that use other graphs. A graph with two trivial nodes is used 2 041 times, nested three levels deep.
 //!
-//! Each use gives its own value to a parameter, so no two nodes have the same key. Graphs are evaluated on two threads.
+//! Each use sets a parameter to its own value, so no two nodes have the same cache key. Graphs are evaluated on two threads.
 //!
 //! Each bench states its target, if it has one.
 
@@ -18,7 +18,7 @@ fn main() {
     divan::main();
 }
 
-/// Returns a graph with `count` uses of another graph, each of which takes the result of the one before.
+/// Returns a graph that uses another graph `count` times in a chain: each use takes the result of the previous one.
 fn level(used: &str, count: usize, is_first: bool) -> String {
     let uses = (0..count).map(|k| {
         let to = match k {
@@ -51,7 +51,7 @@ fn level(used: &str, count: usize, is_first: bool) -> String {
 const LEAF: &str = "Graph(format: 1, inputs: { \"to\": Number() }, params: { \"number\": Number(default: 0) },
     nodes: { \"a\": Add(to: \"to\", number: Param(\"number\")), \"b\": Add(to: \"a\", number: 1) }, outputs: { \"sum\": \"b\" })";
 
-/// Writes graphs with 13 uses of 12 uses of 12 uses of the graph with two nodes, and returns the path of the outermost graph.
+/// Writes graphs that use each other 13, 12 and 12 times, down to the graph with two nodes. Returns the path of the outermost graph.
 fn project() -> PathBuf {
     let folder = tempfile::tempdir().expect("a temporary folder").keep();
     let files = [

@@ -1,5 +1,5 @@
 //! Measures the time to segment a large picture. The work equals that of OpenCV's `inRange`, `connectedComponentsWithStats` and `Canny` on
-//! a similar picture. Results are newly allocated. Hashing and the graph are not included.
+//! a similar picture. Results are newly allocated. The time does not include hashing of values and evaluating a graph.
 //!
 //! There is no performance target: the results are compared with those of the peers.
 
@@ -35,7 +35,7 @@ static PICTURE: LazyLock<Image> = LazyLock::new(|| {
     .expect("a full picture")
 });
 
-/// The picture in gray.
+/// The same picture in shades of gray.
 static GRAY: LazyLock<Picture> = LazyLock::new(|| {
     let gray =
         |[r, g, b]: Rgb| ((77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b)) >> 8) as u8;
@@ -51,7 +51,7 @@ const COLORS: [[f64; 3]; 5] = [
     [150.0, 60.0, 160.0],
 ];
 
-/// Random numbers with a uniform or a normal distribution.
+/// Generates random numbers with a uniform or a normal distribution.
 trait Spread {
     fn uniform(&mut self, low: f64, high: f64) -> f64;
 
@@ -63,7 +63,7 @@ impl Spread for Random {
         low + (high - low) * self.even()
     }
 
-    /// Returns a sum of four uniform numbers, which is approximately normal with this standard deviation.
+    /// Returns a random number that is approximately normally distributed with this standard deviation: a sum of four uniform numbers.
     fn normal(&mut self, deviation: f64) -> f64 {
         let sum = self.even() + self.even() + self.even() + self.even();
         (sum - 2.0) * deviation * f64::sqrt(3.0)
@@ -126,7 +126,7 @@ fn label_and_statistics(bencher: Bencher<'_, '_>) {
     bencher.bench(|| label(&mask, Connectivity::Eight));
 }
 
-/// The label of every pixel is computed, as in OpenCV.
+/// Computes the label of every pixel, as OpenCV does.
 #[divan::bench(sample_count = 25, sample_size = 1)]
 fn threshold_label_and_statistics(bencher: Bencher<'_, '_>) {
     LazyLock::force(&PICTURE);

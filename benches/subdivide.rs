@@ -1,5 +1,5 @@
-//! Measures the time of four steps of subdivision, to about 1.5 million faces, with two threads. The meshes are those of the peers'
-//! benchmarks if they exist, otherwise similar tori.
+//! Measures the time of four steps of subdivision, to about 1.5 million faces, with two threads. The meshes are those of the benchmarks of
+//! other programs (peers) if they exist, otherwise similar tori.
 //!
 //! There is no performance target: the results are compared with those of the peers.
 
@@ -35,7 +35,7 @@ fn options(scheme: Scheme, limit: bool) -> Subdivision {
     }
 }
 
-/// Returns a mesh of 5 780 triangles for Loop, or of 6 000 quads for the other schemes.
+/// Returns a mesh of 5 780 triangles for Loop's scheme, or of 6 000 quads for the other schemes.
 fn mesh(scheme: Scheme) -> Mesh {
     let (name, sides) = if scheme == Scheme::Loop { ("sub_tri", 3) } else { ("sub_quad", 4) };
     let size = if sides == 3 { [34, 85] } else { [60, 100] };

@@ -1,11 +1,13 @@
-//! Measures the speed, load and memory of a watch. These figures must hold on a quiet machine:
+//! Measures the speed, processor load and memory of a watch (`maquette watch`). These limits must be met on a quiet machine:
 //!
-//! - from a save of `growth`, diagnostics take 30 ms (median) and 80 ms (95th percentile), and outputs 60 and 120 ms,
-//! - a change of a comment runs no node,
+//! - after the parameter `growth` is saved, diagnostics appear within 30 ms (median) or 80 ms (95th percentile), and outputs within 60 or
+//!   120 ms,
+//! - a change of a comment causes no node to run,
 //! - the processor time of an idle watch is not measurable,
-//! - 10 000 saves of different values take no additional memory, once the maximum number of results is kept.
+//! - 10 000 saves of different values need no additional memory, once the maximum number of results is kept.
 //!
-//! `cargo bench -p maquette-program --bench watch` takes half a minute; `-- 10000` adds this number of saves to measure the memory.
+//! `cargo bench -p maquette-program --bench watch` takes half a minute. With `-- 10000` it makes this number of additional saves, to
+//! measure the memory.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -34,7 +36,7 @@ fn say(line: &str) {
     writeln!(std::io::stdout(), "{line}").expect("stdout is open");
 }
 
-/// A watch of a copy of the example graph `doll.ron`, and its events with their times of arrival.
+/// A watch of a copy of the example graph `doll.ron`, with its events and their times of arrival.
 struct Watch {
     folder: tempfile::TempDir,
     text: String,
@@ -83,7 +85,7 @@ impl Watch {
         }
     }
 
-    /// Saves the graph as most editors do, by renaming a new file; returns the time of the save.
+    /// Saves the graph as most editors do: writes a new file and renames it. Returns the time of the save.
     fn save(&self, text: &str) -> Instant {
         let graph = self.graph();
         let temporary = graph.with_extension("new");
@@ -97,7 +99,7 @@ impl Watch {
         self.folder.path().join("doll.ron")
     }
 
-    /// Returns the text of the example graph `doll.ron` with this value of `growth`. A value above 40 is an error.
+    /// Returns the text of the example graph `doll.ron` in which `growth` has this default. A value above 40 is an error.
     fn with_growth(&self, growth: f64) -> String {
         self.text.replace("default: 12.0", &format!("default: {growth:.4}"))
     }
@@ -113,7 +115,7 @@ impl Drop for Watch {
 fn latency(watch: &mut Watch) {
     let (mut checked, mut broken, mut written) = (Vec::new(), Vec::new(), Vec::new());
     for k in 0..SAVES {
-        // The value is never the 12 mm of the first run, whose results are cached.
+        // Do not use the value 12 mm of the first run, whose results are cached.
         let saved = watch.save(&watch.with_growth(5.05 + k as f64 * 0.1));
         checked.push(watch.wait("problems").0 - saved);
         let (done, event) = watch.wait("done");

@@ -1,4 +1,4 @@
-//! Meshes with holes, for which the original surface without holes is known.
+//! Meshes with holes for which the original surface is known.
 
 use std::path::{Path, PathBuf};
 
@@ -10,17 +10,17 @@ use nalgebra::{Point3, Vector3};
 #[path = "../../nodes/fill/shapes/nut.rs"]
 mod nut;
 
-/// A mesh with holes, and the original mesh.
+/// A mesh with holes, and the original mesh without holes.
 pub(crate) struct Case {
     pub(crate) name: String,
     pub(crate) holed: Mesh,
-    /// The original mesh. Its first vertices are those of `holed`, and the removed vertices follow.
+    /// The original mesh. It begins with the vertices of `holed`; the removed vertices follow.
     pub(crate) truth: Mesh,
-    /// The mean length of the edges of `holed`, before noise is added.
+    /// The mean length of the edges of `holed` before noise was added.
     pub(crate) edge: f64,
 }
 
-/// Returns all cases and prints which data is missing.
+/// Returns all cases. Prints the names of missing data files.
 pub(crate) fn cases() -> Vec<Case> {
     let folder = std::env::var_os("FILL_DATA").map(PathBuf::from);
     let folder =
@@ -60,8 +60,8 @@ pub(crate) fn cases() -> Vec<Case> {
     cases
 }
 
-/// Holes that are cut out of complete meshes: the file, the vertex in the middle of the hole, and the number of rings of vertices around
-/// it. The holes were chosen before any results were known.
+/// Holes to be cut out of complete meshes: the file, the vertex in the middle of the hole, and its radius in rings of vertices. The holes
+/// were chosen before any results were known.
 const CUT: [(&str, u32, usize); 6] = [
     ("meshes/spot/spot_triangulated.obj", 1000, 8),
     ("meshes/penguin/penguin.obj", 1500, 9),
@@ -87,7 +87,7 @@ fn cut(file: &str, mesh: &Mesh, seed: u32, rings: usize) -> Case {
     Case { name: format!("cut {name} {seed}"), holed, truth, edge }
 }
 
-/// A sphere with curly ridges. The removed part is as rough as its surroundings, which does not hold everywhere on the sphere.
+/// A sphere with curly ridges. The removed part was chosen to be as rough as its surroundings.
 fn wool() -> Case {
     let (directions, faces) = geodesic(45);
     let points: Vec<Point3<f64>> = directions
@@ -109,14 +109,14 @@ fn wool() -> Case {
     cut("wool", &mesh, 14_300, 10)
 }
 
-/// A square terrain of fractal noise. The height of each wave is proportional to its length to the power of 1.5.
+/// A square terrain of fractal noise. The height of each wave is its wavelength to the power of 1.5, times a constant.
 fn terrain() -> Case {
     let side = 120_u32;
     let tau = std::f64::consts::TAU;
     let waves: Vec<[f64; 4]> = (0..160)
         .map(|k| {
             let [long, turn, phase] = [0, 1, 2].map(|part| noise(3 * k + part + 77));
-            // Wavelengths from 60 edges down to 3.
+            // The wavelength, from 60 edges down to 3.
             let length = 60.0 * libm::pow(0.05, long);
             let (sine, cosine) = libm::sincos(tau * turn);
             let height = 0.003 * libm::pow(length, 1.5);
@@ -172,12 +172,13 @@ fn mean_edge(mesh: &Mesh) -> f64 {
     sum / edges.len() as f64
 }
 
-/// Returns a pseudorandom number between 0 and 1.
+/// Returns a pseudorandom number from 0 to 1.
 fn noise(seed: u64) -> f64 {
     rng::even(rng::mix(seed.wrapping_mul(rng::STEP)))
 }
 
-/// Moves the vertices of a case along their normals by normal noise, whose standard deviation is `share` times the mean length of edges.
+/// Moves the vertices of a case along their normals by random distances. These are normally distributed, with a standard deviation of
+/// `share` times the mean length of edges.
 pub(crate) fn with_noise(case: &Case, share: f64) -> Case {
     fn gauss(k: u64) -> f64 {
         (0..12).map(|i| noise(12 * k + i)).sum::<f64>() - 6.0
@@ -190,8 +191,8 @@ pub(crate) fn with_noise(case: &Case, share: f64) -> Case {
     Case { name, holed, truth: case.truth.clone(), edge: case.edge }
 }
 
-/// The sphere of item 7 of the peers' benchmarks: a geodesic sphere with bumps and a hole. With a frequency of 45 it has 20 252 vertices,
-/// 948 of which are missing.
+/// The sphere of item 7 of the peers' benchmarks: a geodesic sphere with bumps and a hole. With a frequency of 45, it has 20 252 vertices,
+/// of which 948 are missing.
 pub(crate) fn bumpy_sphere(frequency: u32) -> Case {
     let (directions, faces) = geodesic(frequency);
     let axis = Vector3::new(0.48, 0.6, 0.64);
@@ -219,7 +220,7 @@ fn broken_nut(sides: u32) -> Case {
     Case { name: format!("nut of {sides} sides"), holed, truth, edge }
 }
 
-/// Removes vertices. Returns the remaining mesh, and the complete mesh with the removed vertices at the end.
+/// Removes the vertices for which `gone` is true. Returns the remaining mesh, and the complete mesh with the removed vertices at the end.
 fn remove_vertices(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) -> (Mesh, Mesh) {
     let mut kept: Vec<[u32; 3]> = faces
         .iter()
@@ -227,7 +228,7 @@ fn remove_vertices(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) 
         .copied()
         .collect();
     loop {
-        // A vertex with more than two border edges would pinch the surface, so its faces are removed, too.
+        // Also remove the faces at a vertex with more than two border edges, because the surface would be pinched there.
         let border =
             Mesh::new(vec![Point3::origin(); points.len()], Faces::triangles(kept.clone()));
         let edges = border.expect("faces of a surface").edges();
@@ -238,7 +239,7 @@ fn remove_vertices(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) 
         let before = kept.len();
         kept.retain(|face| face.iter().all(|&vertex| ends[vertex as usize] <= 2));
         if kept.len() == before {
-            // Fragments without any inner vertex are removed, too, because they would be loose pieces in the hole.
+            // Also remove fragments without an inner vertex, because they would be loose pieces in the hole.
             let mut is_held: Vec<bool> = ends.iter().map(|&ways| ways == 0).collect();
             fn holds(held: &[bool], face: &[u32; 3]) -> bool {
                 face.iter().any(|&v| held[v as usize])
@@ -286,7 +287,8 @@ fn bump(v: Vector3<f64>) -> f64 {
     1.0 + low + 0.008 * fine
 }
 
-/// Returns an icosahedron whose faces are divided into `frequency` squared triangles each, projected onto the unit sphere.
+/// Creates a geodesic sphere: an icosahedron whose faces are each divided into `frequency` squared triangles, projected onto the unit
+/// sphere.
 fn geodesic(frequency: u32) -> (Vec<Vector3<f64>>, Vec<[u32; 3]>) {
     let g = (1.0 + 5f64.sqrt()) / 2.0;
     let corners = [

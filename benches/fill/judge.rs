@@ -1,4 +1,4 @@
-//! Measures the distance of a filled hole from the original surface, and checks that the result is a surface.
+//! Measures the distance of a filled hole from the original surface, and checks that the result is a manifold surface.
 
 use maquette::Progress;
 use maquette::value::{Mesh, TriangleTree};
@@ -8,24 +8,24 @@ use robust::{Coord3D, orient3d};
 
 use crate::cases::Case;
 
-/// The measures of a filled mesh. Distances are divided by the mean length of edges.
+/// The measured quality of a filled mesh. All distances are divided by the mean length of edges.
 pub(crate) struct Verdict {
-    /// The root mean square of the distances from points all over the filled part to the original. `most` is their maximum.
+    /// The root mean square (`rms`) and the maximum (`most`) of the distances from points all over the filled part to the original surface.
     pub(crate) rms: f64,
     pub(crate) most: f64,
-    /// The root mean square of the distances from the removed vertices to the filled mesh. `back_most` is their maximum.
+    /// The root mean square (`back_rms`) and the maximum (`back_most`) of the distances from the removed vertices to the filled mesh.
     pub(crate) back_rms: f64,
     pub(crate) back_most: f64,
     pub(crate) open: usize,
     pub(crate) added: usize,
-    /// True if the filled mesh has as many border edges as the original.
+    /// True if the filled mesh has as many border edges as the original, so no hole is left.
     pub(crate) is_tight: bool,
     pub(crate) is_manifold: bool,
-    /// The number of intersecting pairs of triangles of which at least one belongs to the filled part.
+    /// The number of intersecting pairs of triangles that involve the filled part.
     pub(crate) crossings: usize,
 }
 
-/// Measures `filled`, whose first vertices and faces must be those of the case.
+/// Measures the mesh `filled`. It must begin with the vertices and faces of the mesh of the case.
 pub(crate) fn judge(case: &Case, filled: &Mesh) -> Verdict {
     let (data, kept) = (case.holed.positions().len(), case.holed.faces().len());
     let there = TriangleTree::new(&case.truth);
@@ -42,7 +42,7 @@ pub(crate) fn judge(case: &Case, filled: &Mesh) -> Verdict {
     fn open(mesh: &Mesh) -> usize {
         mesh.edges().faces.iter().filter(|&&faces| faces == 1).count()
     }
-    // Called without any hole to fill, `fill_holes` only checks that the mesh is a surface.
+    // Without a hole to fill, `fill_holes` only checks that the mesh is a manifold surface.
     let no_hole = HoleChoice::Loops(Vec::new());
     Verdict {
         rms: (sum / weights.iter().sum::<f64>()).sqrt() / case.edge,
@@ -57,7 +57,7 @@ pub(crate) fn judge(case: &Case, filled: &Mesh) -> Verdict {
     }
 }
 
-/// Two measures of the shape of a part of a mesh; also used for the ratios of these measures between two parts.
+/// Two measures of the shape of a part of a mesh. Also used for the ratios of these measures between two parts.
 pub(crate) struct Character {
     /// The root mean square of the distances between the vertices and their smoothed positions.
     pub(crate) roughness: f64,
@@ -65,8 +65,8 @@ pub(crate) struct Character {
     pub(crate) bends: [f64; 5],
 }
 
-/// Returns three ratios: filled part to original part, filled part to neighborhood, and original part to neighborhood. The neighborhood is
-/// a zone of existing vertices around the hole. It is as many rings of vertices wide as the diameter of the hole.
+/// Returns three ratios of the shape measures: filled part to original part, filled part to neighborhood, and original part to
+/// neighborhood. The neighborhood is a zone of kept vertices around the hole. Its width in rings of vertices is the diameter of the hole.
 pub(crate) fn characters(case: &Case, filled: &Mesh) -> [Character; 3] {
     let data = case.holed.positions().len();
     let new = |vertex: usize| data <= vertex;
@@ -85,8 +85,8 @@ pub(crate) fn characters(case: &Case, filled: &Mesh) -> [Character; 3] {
     [ratio(&own, &there), ratio(&own, &near), ratio(&there, &near)]
 }
 
-/// Marks the vertices of the original mesh in the neighborhood of the removed part, a zone that is as many rings of vertices wide as the
-/// diameter of this part.
+/// Marks the vertices of the original mesh that are in the neighborhood of the removed part. This is a zone around the part whose width in
+/// rings of vertices is the diameter of the part.
 fn neighborhood(case: &Case) -> Vec<bool> {
     let data = case.holed.positions().len();
     let edges = case.truth.edges().vertices;
@@ -114,7 +114,7 @@ fn neighborhood(case: &Case) -> Vec<bool> {
     out.into_iter().map(|ring| 0 < ring && ring <= 2 * depth).collect()
 }
 
-/// Number of smoothing steps; each step moves vertices halfway to the mean of their neighbors.
+/// The number of smoothing steps. Each moves every vertex halfway to the mean of its neighbors.
 const STEPS: usize = 4;
 
 fn roughness(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool) -> f64 {
@@ -139,8 +139,8 @@ fn roughness(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool) -> f64 {
     (far.iter().map(|far| far * far).sum::<f64>() / far.len() as f64).sqrt()
 }
 
-/// Returns percentiles of the dihedral angles in a part of a mesh: the faces with all vertices in the part or, if `touches`, with at least
-/// one.
+/// Returns percentiles of the dihedral angles in a part of a mesh. The part consists of the faces whose vertices are all in it; if
+/// `touches` is true, of those with at least one vertex in it.
 fn bends(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool, touches: bool) -> [f64; 5] {
     let mut sides: Vec<([u32; 2], Vector3<f64>)> = Vec::new();
     for face in mesh.faces().iter().filter(|face| {
@@ -164,7 +164,7 @@ fn bends(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool, touches: bool) -> [f64; 5] 
     [0.1, 0.25, 0.5, 0.75, 0.9].map(|share| angles[(share * angles.len() as f64) as usize])
 }
 
-/// Returns sample points on the faces after the first `kept`, and for each a weight proportional to the area that it represents.
+/// Returns sample points on all faces from the index `kept` on. Each has a weight proportional to the area that it represents.
 fn samples(mesh: &Mesh, kept: usize) -> (Vec<Point3<f64>>, Vec<f64>) {
     let (mut points, mut weights) = (Vec::new(), Vec::new());
     for face in mesh.faces().iter().skip(kept) {
@@ -186,8 +186,8 @@ fn samples(mesh: &Mesh, kept: usize) -> (Vec<Point3<f64>>, Vec<f64>) {
     (points, weights)
 }
 
-/// Counts the intersecting pairs of triangles of which at least one comes after the first `kept` faces. The predicates are exact. Coplanar
-/// pairs do not count.
+/// Counts the intersecting pairs of triangles of which at least one has an index from `kept` on. The geometric predicates are exact.
+/// Coplanar pairs do not count.
 fn crossings(mesh: &Mesh, kept: usize) -> usize {
     let place = |vertex: u32| mesh.positions()[vertex as usize];
     let low = |face: &[u32]| place(face[0]).inf(&place(face[1])).inf(&place(face[2]));
@@ -214,7 +214,7 @@ fn crossings(mesh: &Mesh, kept: usize) -> usize {
     count
 }
 
-/// Returns true if an edge of `a` intersects `b`. Edges with an end in common with `b` do not count.
+/// Returns true if an edge of triangle `a` intersects triangle `b`. Edges that share a vertex with `b` do not count.
 fn has_edge_through(a: &[u32], b: &[u32], place: impl Fn(u32) -> Point3<f64>) -> bool {
     let side = |corners: [u32; 4]| {
         let [a, b, c, d] = corners.map(|vertex| {

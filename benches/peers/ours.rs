@@ -1,9 +1,9 @@
-//! Maquette's side of the comparison in `benches/peers/peers.py`: does one task repeatedly, on the inputs that the peers (other programs)
-//! get.
+//! Maquette's part of the comparison with other programs (peers) in `benches/peers/peers.py`. Does one task repeatedly, on the same inputs
+//! as the peers.
 //!
-//! `peers WORK FOLDER` reads the inputs from a folder, does the task once without measuring it, and prints a number that is compared with
-//! the peers' result. Then it does the task once for each line on stdin and prints the milliseconds. Each result is newly allocated, and is
-//! dropped after the time is taken. To add a task, add an arm to [`repeat`] and a row to `peers.py`.
+//! `peers WORK FOLDER` reads the inputs from a folder, and does the task once without measuring it. It prints a number (the check) that
+//! must agree with the peers' result. Then it does the task once for each line on stdin, and prints the milliseconds. Each result is newly
+//! allocated, and is dropped after the time is taken. To add a task, add an arm to [`repeat`] and a row to `peers.py`.
 
 #![allow(clippy::print_stdout, reason = "the numbers go to the program that asks for them")]
 
@@ -42,13 +42,13 @@ fn main() {
         println!("usage: peers WORK FOLDER; see benches/peers/peers.py");
         return;
     };
-    // The allocator keeps freed memory, as in an evaluator.
+    // Keep freed memory, as an evaluator does.
     maquette::memory::keep_freed();
     let pool = rayon::ThreadPoolBuilder::new().build().expect("threads");
     pool.install(|| repeat(work, Path::new(folder)));
 }
 
-/// Reads the inputs of a task and does it repeatedly.
+/// Reads the inputs of the task `work`, and does the task repeatedly.
 fn repeat(work: &str, folder: &Path) {
     match work {
         "segment" => {
@@ -71,7 +71,7 @@ fn repeat(work: &str, folder: &Path) {
         "fill" => {
             let mesh = mesh(folder, "hole");
             let (holes, method) = (HoleChoice::All, FillMethod::ThinPlate);
-            // Returns the number of border edges, which is 0 if the hole is filled.
+            // Returns the number of border edges. It is 0 if all holes are filled.
             fn open(mesh: &Mesh) -> usize {
                 mesh.edges().faces.iter().filter(|&&faces| faces == 1).count()
             }
@@ -117,7 +117,7 @@ fn repeat(work: &str, folder: &Path) {
             let points = Points::new(places.into_iter().map(Point3::from).collect::<Vec<_>>());
             let scan = Scan::Points(points.expect("finite places"));
             let by = Outliers::Spread { neighbors: 20, ratio: 2.0 };
-            // The check is the sum of the indices of the remaining points: it shows that the same points remain as with the peers.
+            // The check is the sum of the indices of the remaining points. It agrees if the peers keep the same points.
             serve(
                 || outliers(&scan, by, &Progress::silent()).expect("points"),
                 |apart| (0..apart.len()).filter(|&k| !apart[k]).map(|k| k as f64).sum(),
@@ -146,7 +146,7 @@ fn repeat(work: &str, folder: &Path) {
     }
 }
 
-/// The target length of edges for remeshing, in units of the mesh.
+/// The target length of edges for remeshing, in the unit of the mesh.
 const EVEN_LENGTH: f64 = 0.06;
 
 /// Simplifies a mesh to a tenth of its faces.
@@ -158,8 +158,8 @@ fn coarse(mesh: &Mesh) {
     );
 }
 
-/// Runs the task once and prints its check, a number that is compared with the peers' result. Then runs the task once for each line on
-/// stdin and prints the milliseconds.
+/// Does the task once, and prints its check: a number that must agree with the peers' result. Then does the task once for each line on
+/// stdin, and prints the milliseconds.
 fn serve<T>(run: impl Fn() -> T, check: impl Fn(&T) -> f64) {
     answer(check(&run()));
     for _ in std::io::stdin().lines() {
@@ -176,15 +176,15 @@ fn answer(number: f64) {
     std::io::stdout().flush().expect("the program that asks is there");
 }
 
-/// Selects the pixels of which no channel differs by more than 30 levels from the color (205, 62, 48), the color in `make_inputs.py`.
+/// Selects the pixels whose channels all differ by at most 30 levels from (205, 62, 48), the color in `make_inputs.py`.
 fn red(image: &Image) -> maquette::value::Mask {
     let [low, high] = [-30.0, 30.0].map(|step| [205.0, 62.0, 48.0].map(|c| c + step));
     threshold(image, None, &Select::Box { space: Space::Rgb, low, high }, false)
         .expect("a box fits every picture")
 }
 
-/// Finds edges with Sobel's operator. The peers' thresholds 100 and 200 are for sums that are eight times the levels per pixel that are
-/// used here, so 200 corresponds to 25.
+/// Finds edges with Sobel's operator. The peers' thresholds of 100 and 200 apply to sums that are eight times as large as the levels per
+/// pixel that are used here. So their 200 corresponds to 25 here.
 fn edges_above(folder: &Path, high: High) {
     let gray = Picture::Image(image(folder, "seg_grey", |&[level]| [level; 3]));
     serve(
@@ -193,8 +193,8 @@ fn edges_above(folder: &Path, high: High) {
     );
 }
 
-/// Aligns two scans without an initial pose. The check is the root mean square distance in mm between the points of the second scan and
-/// their positions according to Stanford's `bun.conf`.
+/// Aligns two scans without an initial pose. The check is the root mean square distance, in mm, between the points of the second scan and
+/// their right positions according to Stanford's `bun.conf`.
 fn align_scans(folder: &Path) {
     fn scan(name: &str, folder: &Path) -> Scan {
         let bytes = read(&folder.join(name));
@@ -202,7 +202,7 @@ fn align_scans(folder: &Path) {
         Scan::RangeImage(range)
     }
     let (front, side) = (scan("bun000.ply", folder), scan("bun045.ply", folder));
-    // The quaternion in `bun.conf` describes the inverse rotation. Here y points down and z away from the sensor.
+    // The quaternion in `bun.conf` describes the inverse rotation. In this program, y points down and z away from the sensor.
     let turn = Quaternion::new(0.955586, -0.00548449, 0.294635, 0.0038555);
     let truth = Isometry3::from_parts(
         Translation3::new(-52.0211, -0.383981, -10.9223),
@@ -234,7 +234,7 @@ fn align_scans(folder: &Path) {
     );
 }
 
-/// Number of parameters along each side of the grid.
+/// The number of parameters along each side of the grid.
 const GRID: usize = 2000;
 
 fn points(folder: &Path, degree: usize) {
@@ -280,7 +280,7 @@ fn refine(folder: &Path, scheme: Scheme) {
     serve(|| subdivide(&mesh, four_steps(scheme)).expect("a surface"), squares);
 }
 
-/// Subdivides a mesh four times with a plan that was made before, so only the positions are computed.
+/// Subdivides a mesh four times with a plan that is made in advance, so that only the positions are computed.
 fn places(folder: &Path, scheme: Scheme) {
     let mesh = control_mesh(folder, scheme);
     let plan = Plan::new(&mesh, four_steps(scheme)).expect("a surface");
@@ -298,7 +298,7 @@ fn four_steps(scheme: Scheme) -> Subdivision {
     }
 }
 
-/// Finds the control mesh of a surface through all vertices, to a millionth of the diagonal.
+/// Finds the control mesh of a surface that passes through all vertices of a mesh, to a millionth of the diagonal.
 fn pass_through(folder: &Path, name: &str, scheme: Scheme) {
     let mesh = mesh(folder, name);
     let options = InterpolateOptions::default();
@@ -322,7 +322,7 @@ fn squares(mesh: &Mesh) -> f64 {
     mesh.positions().iter().map(|point| point.x * point.x).sum()
 }
 
-/// A factor for the standard deviations of the handles in the task `ffd-near`. The other tasks use the factor 1.
+/// The factor by which the task `ffd-near` multiplies the standard deviations of the handles. The other tasks use the factor 1.
 const NARROW: f64 = 1.0 / 3.0;
 
 fn deform(folder: &Path, count: usize, narrower: f64, accuracy: f64) {
@@ -412,7 +412,7 @@ where
     Image::new(shape[1], shape[0], pixels.iter().map(color).collect::<Vec<_>>()).expect("a picture")
 }
 
-/// Returns the shape and the items of a NumPy file (version 1, C order). The caller must know the type of the items.
+/// Reads a NumPy file (version 1, C order). Returns its shape and its items, whose type the caller must know.
 fn open<T: bytemuck::Pod>(folder: &Path, name: &str) -> (Vec<usize>, Vec<T>) {
     let bytes = read(&folder.join(format!("{name}.npy")));
     let length = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));

@@ -1,4 +1,4 @@
-//! A pack with one trivial node, so benches measure the engine.
+//! A pack with one trivial node. With it, benches measure the time of the engine and not of the nodes.
 
 use maquette::value::Parts;
 use maquette::{
@@ -7,7 +7,7 @@ use maquette::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A number that is passed along a link.
+/// A number, as the value of an output.
 #[derive(Clone, Debug)]
 struct Number(f64);
 
@@ -54,7 +54,7 @@ impl Node for Add {
     }
 }
 
-/// The pack with the node `Add`.
+/// The pack that contains the node `Add`.
 pub(crate) const PACK: Pack = Pack {
     name: "numbers",
     nodes: &[node::<Add>()],

@@ -1,19 +1,19 @@
-//! Reads the meshes of the peers' benchmarks, if they exist, and makes similar tori.
+//! Reads the meshes with which other programs (peers) are measured, if these meshes exist. Also creates tori of similar size.
 //!
-//! `benches/peers/peers.py` writes the meshes to the folder `data` in `PEERS_WORK`.
+//! `benches/peers/peers.py` writes the meshes to the folder `data` in the folder `$PEERS_WORK`.
 
 use std::path::{Path, PathBuf};
 
 use maquette::value::{Faces, Mesh};
 use nalgebra::Point3;
 
-/// Returns the folder of the meshes.
+/// Returns the folder that contains the peers' meshes.
 pub(crate) fn folder() -> PathBuf {
     let work = std::env::var_os("PEERS_WORK").map(PathBuf::from);
     work.unwrap_or_else(|| std::env::temp_dir().join("peers")).join("data")
 }
 
-/// Reads the mesh with this name, whose faces must have this number of sides. Returns `None` if it does not exist.
+/// Reads the mesh with this name, whose faces must have `sides` sides. Returns `None` if the file does not exist.
 pub(crate) fn load(name: &str, sides: usize) -> Option<Mesh> {
     let positions: Vec<[f64; 3]> = open(&folder().join(format!("{name}_v.npy")))?;
     let corners: Vec<u32> = open(&folder().join(format!("{name}_f.npy")))?;
@@ -28,8 +28,8 @@ fn open<T: bytemuck::Pod>(path: &Path) -> Option<Vec<T>> {
     Some(bytemuck::pod_collect_to_vec(bytes.get(10 + length..)?))
 }
 
-/// Returns a torus with these numbers of rows and columns of vertices, of quads or of twice as many triangles. `bump` is the relative
-/// height of its bumps.
+/// Creates a torus with these numbers of rows and columns of vertices. Its faces are quads, or twice as many triangles. `bump` is the
+/// height of its bumps, relative to the minor radius.
 pub(crate) fn torus(sides: usize, [rows, columns]: [u32; 2], bump: f64) -> Mesh {
     fn angle(k: u32, n: u32) -> (f64, f64) {
         libm::sincos(std::f64::consts::TAU * f64::from(k) / f64::from(n))

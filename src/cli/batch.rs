@@ -1,4 +1,4 @@
-//! `maquette batch`: runs one graph over many scans and parameter values.
+//! `maquette batch`: runs one graph many times, for different scans and parameter values.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -107,7 +107,7 @@ fn parse_range(text: &str) -> Result<(usize, usize), String> {
 }
 
 fn parse_hash(text: &str) -> Result<String, String> {
-    // The hash becomes part of a file name, so no other characters are allowed.
+    // Allow only hexadecimal digits, because the hash becomes a part of a file name.
     let is_hash = text.len() == batch::HASH_DIGITS
         && text.bytes().all(|c| c.is_ascii_hexdigit() && !c.is_ascii_uppercase());
     is_hash
@@ -123,8 +123,8 @@ impl Batch {
             Err(why) => return Exit::Usage(why),
         };
         let options = self.options.to_options();
-        // A farm calls this program once for each task. If each call checked all values of the sweep, the total time would grow with the
-        // square of the number of tasks.
+        // Check all values of the sweep only in a run of all tasks. A farm calls this program once for each task. If each call checked all
+        // values, the total time would grow with the square of the number of tasks.
         let is_part = self.task.is_some() || self.warm || self.report;
         let read = if is_part {
             maquette_golden::sweep::read_without_trying
@@ -155,8 +155,8 @@ impl Batch {
         if let Some(engine) = self.farm.emit {
             return self.emit(engine, &tasks, catalog);
         }
-        // With --report the page is written even if the list of tasks has changed since the handover; the command reports the changes
-        // afterwards.
+        // With --report the page is written even if the list of tasks has changed since it was handed over to the farm. The changes are
+        // reported afterwards.
         let handover = self.handover.as_deref().map_or(Ok(()), |hash| tasks.check_handover(hash));
         if self.report {
             return self.report_records(&tasks, handover, &diagnostics);
@@ -174,7 +174,7 @@ impl Batch {
         self.run_tasks(&tasks, &task_indices, &diagnostics, catalog, start)
     }
 
-    /// Returns the indices of the tasks that this command runs; `tasks` is the number of all tasks of the sweep.
+    /// Returns the indices of the tasks that this command runs. `tasks` is the number of tasks in the sweep.
     fn task_indices(&self, tasks: usize) -> Result<Vec<usize>, String> {
         let Some((first, last)) = self.task.filter(|_| !self.warm) else {
             return Ok(Vec::from_iter(0..if self.warm { 1 } else { tasks }));
@@ -188,7 +188,7 @@ impl Batch {
         Ok(Vec::from_iter(first * chunk..tasks.min((last + 1) * chunk)))
     }
 
-    /// Returns the path and the text of the sweep file. For a graph the text of a sweep is generated from the options.
+    /// Returns the path and the text of the sweep file. If the file is a graph, generates the text of a sweep from the options.
     fn sweep_text(&self) -> Result<(PathBuf, String), String> {
         let read = fs::read_text(&self.file);
         let text =
@@ -196,7 +196,7 @@ impl Batch {
         let has_options = !self.values.is_empty() || self.scans.is_some();
         let is_sweep_name =
             self.file.to_string_lossy().ends_with(maquette_golden::sweep::EXTENSION);
-        // A sweep file with syntax errors is still read as a sweep, because the user needs the errors of the sweep.
+        // Treat a file with syntax errors as a sweep if its name or a merge conflict in it says so: the user needs the errors of the sweep.
         let is_sweep = first_word(&text) == "Sweep"
             || (is_sweep_name && !has_options)
             || conflict_line(&text).is_some();
@@ -220,7 +220,7 @@ impl Batch {
         Ok((beside, batch::generate_sweep(&self.file, self.scans.as_deref(), &self.values)?))
     }
 
-    /// Creates one of `jobs` sessions, which divide the threads and the memory between them.
+    /// Creates one of `jobs` sessions that run at the same time. Threads and memory are divided equally between them.
     fn session(&self, jobs: usize, catalog: &Arc<Catalog>) -> Result<Session, String> {
         let threads = match (self.threads, jobs) {
             (0, 2..) => {
@@ -281,7 +281,7 @@ impl Batch {
         if cancel.is_cancelled() {
             return Exit::Interrupted;
         }
-        // An error in writing the contact sheet is only a warning: the task itself succeeded.
+        // If the contact sheet cannot be written, only warn: the task itself succeeded.
         if self.task.is_some()
             && self.handover.is_some()
             && tasks.have_all_ended()
@@ -319,7 +319,7 @@ impl Batch {
     }
 }
 
-/// Returns the fields of a finished task for `--json` and `--events`.
+/// Returns the JSON fields that `--json` and `--events` print for a finished task.
 fn record_fields(index: usize, record: &Record, was_run: bool) -> Json {
     let outputs = record.outputs.iter().map(|it| json!({ "name": it.name, "path": it.path, "bytes": it.bytes, "hash": it.hash.to_string() }));
     let values = record.values.iter().map(|(name, value)| (name.clone(), value.clone().into()));
@@ -336,7 +336,7 @@ fn record_fields(index: usize, record: &Record, was_run: bool) -> Json {
     })
 }
 
-/// Returns the reason why an up-to-date task is not run.
+/// Returns the reason why a task with an up-to-date record is not run.
 fn unchanged_reason(state: State) -> &'static str {
     match state {
         State::Done => "nothing has changed",
@@ -344,7 +344,7 @@ fn unchanged_reason(state: State) -> &'static str {
     }
 }
 
-/// The number of finished tasks by result, and the records of these tasks.
+/// The number of finished tasks by result, and their records.
 #[derive(Default)]
 struct Counts {
     done: usize,

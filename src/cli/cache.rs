@@ -1,4 +1,4 @@
-//! `maquette cache`: shows, checks and cleans the results on disk.
+//! `maquette cache`: shows, checks and cleans the results that are stored on disk.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -112,10 +112,10 @@ fn drop_down_to(folder: &Path, limit: u64) -> Result<Exit, String> {
     }
 }
 
-/// The address of a cache server, and the result of connecting to it.
+/// The address of a cache server, and the result of a test connection.
 type Server = (String, Result<(), String>);
 
-/// Connects to the cache server that the option or the environment names. Returns `None` if neither names a server.
+/// Connects to the cache server that the option or the environment variable names. Returns `None` if there is none.
 fn reach_server(named: &Option<String>) -> Result<Option<Server>, String> {
     let server = named.clone().map_or(CacheServer::Default, CacheServer::At);
     server

@@ -11,7 +11,7 @@ use maquette_graph::catalog::Catalog;
 
 use super::eprint;
 
-/// The default of `--memory`, in bytes.
+/// The default of the option `--memory`, in bytes.
 const DEFAULT_MEMORY: u64 = 2_000_000_000;
 
 /// Options for the cache of results.
@@ -42,12 +42,12 @@ pub(super) struct CacheOptions {
 }
 
 impl CacheOptions {
-    /// Returns `--memory` in bytes.
+    /// Returns the value of the option `--memory` in bytes.
     pub(super) fn memory(&self) -> usize {
         usize::try_from(self.memory).unwrap_or(usize::MAX)
     }
 
-    /// Opens a session with these options. If the cache cannot be used, prints a warning and continues without the cache.
+    /// Opens a session with these options. If the disk cache cannot be used, prints a warning and continues without it.
     pub(super) fn session(
         &self,
         threads: usize,
@@ -56,7 +56,7 @@ impl CacheOptions {
         open_session(catalog, &self.settings(threads))
     }
 
-    /// Opens a session that prints warnings about the cache when it is dropped.
+    /// Opens a session. When it is dropped, it prints warnings about the cache.
     pub(super) fn reporting_session(
         &self,
         threads: usize,
@@ -65,7 +65,7 @@ impl CacheOptions {
         self.session(threads, catalog).map(ReportingSession)
     }
 
-    /// Opens one of several simultaneous sessions, which divide the memory for results between them.
+    /// Opens one of several sessions that run at the same time. The memory for results is divided equally between them.
     pub(super) fn session_of(
         &self,
         sessions: usize,
@@ -77,22 +77,22 @@ impl CacheOptions {
         open_session(catalog, &Settings { memory, ..settings })
     }
 
-    /// Returns the arguments that pass these cache options to another process.
+    /// Returns the arguments that give another process the same cache options.
     pub(super) fn arguments(&self) -> Vec<String> {
-        // The path is made absolute, because the other process may run in another folder.
+        // Make the path absolute, because the other process may run in another folder.
         self.arguments_with(|folder| {
             std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned()).display().to_string()
         })
     }
 
-    /// Returns the arguments that pass these cache options to another process; `folder_in_words` formats the path of the cache folder.
+    /// Returns the arguments that give another process the same cache options. `folder_in_words` formats the path of the cache folder.
     pub(super) fn arguments_with(&self, folder_in_words: impl Fn(&Path) -> String) -> Vec<String> {
         let mut words = match (&self.folder, self.no_cache) {
             (_, true) => vec!["--no-cache".into()],
             (Some(folder), _) => vec!["--cache".into(), folder_in_words(folder)],
             (None, _) => Vec::new(),
         };
-        // Other users can read command lines, so a server URL with a password is left out.
+        // Leave out a server URL that contains a password, because other users can read command lines.
         if let Some(server) = self.cache_remote.as_ref().filter(|_| !self.hides_server()) {
             words.extend(["--cache-remote".into(), server.clone()]);
         }
@@ -162,13 +162,13 @@ impl Drop for ReportingSession {
     }
 }
 
-/// Waits until all results of the session are on disk. Prints a warning if results could not be stored or the cache server failed.
+/// Waits until all results of the session are on disk. Prints a warning if results could not be stored, or if the cache server failed.
 pub(super) fn finish(session: &Session) {
     session.finish();
     session.cache_warnings().iter().for_each(|warning| warn_once(warning));
 }
 
-/// Prints a warning, unless a session of this process has already printed it.
+/// Prints a warning, unless this process has already printed it.
 fn warn_once(warning: &str) {
     static REPORTED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
     let mut reported = REPORTED.lock().unwrap_or_else(PoisonError::into_inner);

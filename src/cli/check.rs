@@ -61,7 +61,7 @@ impl Check {
             }
         }
         diagnostics.extend(shared_golden_folders(&tests).0);
-        // Several files may use or test one graph; its diagnostics are reported once.
+        // Report each diagnostic once, even if several files use or test the same graph.
         let mut seen = HashSet::new();
         diagnostics.retain(|diagnostic| {
             let place = (diagnostic.source.name.clone(), diagnostic.span);
@@ -88,7 +88,7 @@ impl Check {
         if errors == 0 { Exit::Done } else { Exit::Failed }
     }
 
-    /// Applies the fixes to the text of a file and returns the new text.
+    /// Applies the fixes of diagnostics to the text of a file, and returns the new text.
     fn apply_fixes(&self, path: &Path, text: String, catalog: &Catalog) -> Result<String, String> {
         if path == Path::new("-") {
             return Err("--fix cannot be used with `-`, because it writes files".into());

@@ -51,7 +51,7 @@ pub(crate) struct Compare {
     json: bool,
 }
 
-/// The relative error that rounding to `float` in files may cause.
+/// The relative error that may come from rounding numbers to `float` in files.
 const FLOAT_ROUNDING: f64 = 1e-6;
 
 fn parse_attribute(text: &str) -> Result<(String, f64), String> {
@@ -64,7 +64,7 @@ fn parse_non_negative(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "expected a number that is not negative".into())
 }
 
-/// Reads a number from 0 to `MAX`.
+/// Parses a number from 0 to `MAX`.
 fn parse_up_to<const MAX: u8>(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|number| (0.0..=f64::from(MAX)).contains(number));
     number.ok_or_else(|| format!("expected a number from 0 to {MAX}"))
@@ -109,7 +109,7 @@ impl Compare {
             }
             print(&text);
         }
-        // The process ends soon; freeing the memory would only take time.
+        // Do not free the memory, which takes time: the process is about to end.
         std::mem::forget((old, new));
         if comparison.verdict == Verdict::Different { Exit::Failed } else { Exit::Done }
     }
@@ -132,7 +132,7 @@ impl Compare {
     }
 }
 
-/// Reads the value in a file by its extension, and prints warnings.
+/// Reads the value in a file. The extension determines the format. Prints warnings.
 pub(super) fn read_value(path: &Path, catalog: &Catalog) -> Result<AnyValue, String> {
     let (value, warnings) = catalog.readers().open(path, None)?;
     warnings.iter().for_each(|warning| eprint(&format!("warning: {warning}\n")));

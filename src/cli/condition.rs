@@ -1,21 +1,21 @@
-//! Conditions on columns of numbers, such as `region == 7 and area > 2`, in the language of `Expr`.
+//! Conditions on columns of numbers, such as `region == 7 and area > 2`. They are written as in an `Expr` of a graph.
 
 use std::collections::BTreeMap;
 
 use maquette_graph::expression::{Outcome, evaluate_any, named_parameters};
 use maquette_syntax::{Quantity, Unit, unknown_name_message};
 
-/// A condition that names only known columns.
+/// A condition all of whose names are known columns.
 pub(crate) struct Condition<'t> {
     text: &'t str,
     names: Vec<String>,
 }
 
 impl<'t> Condition<'t> {
-    /// Parses a condition that may use the columns `known`; `what` names their owner in error messages.
+    /// Parses a condition. It may contain the names of the columns `known`. `what` describes what has these columns, for error messages.
     ///
     /// # Errors
-    /// A message if the text is not a condition or names another column.
+    /// A message if the text is not a condition, or contains the name of an unknown column.
     pub(crate) fn parse(text: &'t str, known: &[&str], what: &str) -> Result<Self, String> {
         fn format_error(why: &dyn std::fmt::Display, text: &str) -> String {
             format!("`{text}`: {why}")
@@ -38,15 +38,15 @@ impl<'t> Condition<'t> {
         Ok(condition)
     }
 
-    /// Returns the names of the columns in the condition.
+    /// Returns the names of the columns that the condition uses.
     pub(crate) fn column_names(&self) -> impl Iterator<Item = &str> {
         self.names.iter().map(String::as_str)
     }
 
-    /// Evaluates the condition for one row; `number` returns the value of a column in that row.
+    /// Evaluates the condition for one row of the table. `number` returns the value of a column in that row.
     ///
     /// # Errors
-    /// A message if the expression is not a condition.
+    /// A message if the result is a number instead of true or false.
     pub(crate) fn evaluate(&self, number: impl Fn(&str) -> f64) -> Result<bool, String> {
         match evaluate_any(
             self.text,

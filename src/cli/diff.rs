@@ -27,7 +27,7 @@ pub(crate) struct Diff {
 
 impl Diff {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
-        // git passes seven arguments: path, old file, hash, mode, new file, hash, mode; for a renamed file it passes two more.
+        // git passes seven arguments: path, old file, hash, mode, new file, hash, mode. For a renamed file it passes two more.
         let (old, new, title) = match &self.graphs[..] {
             [old, new] => (old, new, None),
             [path, old, _, _, new, _, _] | [path, old, _, _, new, _, _, _, _] => {
@@ -61,12 +61,12 @@ impl Diff {
             let indent = if title.is_some() { "    " } else { "" };
             differences.iter().for_each(|found| print(&format!("{indent}{found}\n")));
         }
-        // git treats a failing exit code of GIT_EXTERNAL_DIFF as a crash.
+        // Return success to git even if there are differences: it treats a failing GIT_EXTERNAL_DIFF as a crash.
         if differences.is_empty() || title.is_some() { Exit::Done } else { Exit::Failed }
     }
 }
 
-/// Reads a graph file. `/dev/null`, which git passes for a missing file, is an empty graph.
+/// Reads a graph file. The path `/dev/null`, which git passes for a missing file, stands for an empty graph.
 fn read_source(path: &Path) -> Result<Source, String> {
     let text = match path == Path::new("/dev/null") {
         true => Ok("Graph(format: 1)".to_owned()),

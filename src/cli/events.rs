@@ -1,18 +1,18 @@
 //! `--events`: reports progress to other programs while a command runs, as one JSON object per line on stdout. The field `event` is the
-//! kind:
+//! kind of event:
 //!
 //! | event | meaning |
 //! |---|---|
-//! | `watching` | all `files` are watched from now on; `polled` is the reason why files are polled, if they are (`watch` only) |
-//! | `run` | evaluation `run` begins, because the contents of `changed` changed (`watch` only) |
+//! | `watching` | all `files` are watched from this time on; `polled` is the reason why files are polled, if they are (`watch` only) |
+//! | `run` | the evaluation with the number `run` begins, because the files `changed` have new contents (`watch` only) |
 //! | `started` | `node` is being computed; its `progress` is "unknown" until an event `progress` |
 //! | `progress` | `node` has done the fraction `share` (0 to 1) of its work |
-//! | `stubborn` | the evaluation was cancelled 2 s ago, but `node`, a `type` of `pack`, still runs; `why` is a message |
+//! | `stubborn` | `node`, of the type `type` in the pack `pack`, still runs 2 s after the cancellation; `why` is a message |
 //! | `finished` | `node` ended with `state` after `seconds` of work; unchanged nodes are only in `done` |
-//! | `cancelled` | evaluation `run` was stopped by a newer change and has no further events (`watch` only) |
-//! | `problems` | all present diagnostics, as in `--json`: once after the check, once after the nodes have run; the list may be empty |
-//! | `written` | a file of an output is on disk; `unchanged` if it already had the same bytes |
-//! | `done` | `run` has ended: `ok`, the number of nodes by state, the `nodes` as in `--json`, `seconds` |
+//! | `cancelled` | the evaluation `run` was stopped because of a newer change; it has no further events (`watch` only) |
+//! | `problems` | all current diagnostics, as in `--json`: once after the check, once after the nodes have run; may be empty |
+//! | `written` | a file of an output is on disk; `unchanged` is true if it already had the same bytes |
+//! | `done` | the evaluation `run` has ended: `ok`, the number of nodes by state, the `nodes` as in `--json`, `seconds` |
 //!
 //! A reader must skip unknown events and fields.
 
@@ -39,10 +39,10 @@ pub(super) enum EventFormat {
     Openjd,
 }
 
-/// The minimum time between two consecutive `progress` events of one node.
+/// The minimum time between two `progress` events of the same node.
 const MIN_PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 
-/// The result of an evaluation, or of a graph with errors that could not be evaluated.
+/// The result of an evaluation. Also used for a graph that was not evaluated because it has errors.
 pub(super) struct RunEnd<'a> {
     pub(super) run: usize,
     pub(super) trace: Option<&'a RunTrace>,
@@ -57,7 +57,7 @@ impl RunEnd<'_> {
     }
 }
 
-/// A receiver of events.
+/// A function that receives events.
 #[derive(Clone)]
 pub(super) struct Listener(Arc<dyn Fn(&Json) + Send + Sync>);
 
@@ -66,12 +66,12 @@ impl Listener {
         Self(Arc::new(receive))
     }
 
-    /// Creates a listener that writes one event per line to stdout.
+    /// Creates a listener that writes each event as a line to stdout.
     pub(super) fn of_stdout() -> Self {
         Self::new(|event| print_as_it_is(&escape_json(&format!("{event}\n"))))
     }
 
-    /// Sends an event; `fields` is a JSON object.
+    /// Sends an event with the name `event`. `fields` is a JSON object with its other fields.
     pub(super) fn send(&self, event: &str, fields: Json) {
         let mut all = serde_json::Map::new();
         all.insert("event".into(), event.into());
@@ -81,12 +81,12 @@ impl Listener {
         self.0(&Json::Object(all));
     }
 
-    /// Sends an event object that already has all of its fields.
+    /// Sends an event object that is already complete.
     pub(super) fn forward(&self, event: &Json) {
         self.0(event);
     }
 
-    /// Sends the `written` events and the `done` event of an evaluation.
+    /// Sends the `written` events and the final `done` event of an evaluation.
     pub(super) fn send_end(&self, ending: &RunEnd<'_>) {
         for file in ending.written {
             let mut event = file.to_json();
@@ -96,7 +96,7 @@ impl Listener {
         self.send("done", done_event(ending));
     }
 
-    /// Sends the `problems` event.
+    /// Sends the `problems` event with all diagnostics.
     pub(super) fn send_problems(&self, diagnostics: &[Diagnostic]) {
         let mut fields = json!({});
         put_problems(&mut fields, diagnostics);
@@ -104,22 +104,22 @@ impl Listener {
     }
 }
 
-/// An observer that sends the events of nodes.
+/// An observer of an evaluation that sends the events of nodes.
 pub(super) struct Events {
     listener: Listener,
     cancel: CancelToken,
-    /// The time of the last `progress` event of each node.
+    /// The time of the last `progress` event of each node, by the name of the node.
     last_sent: Mutex<HashMap<String, Instant>>,
 }
 
 impl Events {
-    /// Creates an observer for one evaluation. The observer sends no events after `cancel` is cancelled.
+    /// Creates an observer for one evaluation. It sends no more events after `cancel` is cancelled.
     pub(super) fn new(listener: Listener, cancel: CancelToken) -> Self {
         Self { listener, cancel, last_sent: Mutex::default() }
     }
 }
 
-/// Returns the message for a node that continues to run after its evaluation was cancelled.
+/// Returns the message about a node that still runs after its evaluation was cancelled.
 pub(super) fn unresponsive_message(node: &str, kind: &str, pack: &str) -> String {
     format!("node `{node}` ({kind} of pack {pack}) does not stop")
 }

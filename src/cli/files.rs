@@ -1,4 +1,5 @@
-//! Selects the files of commands that accept several paths. A folder may contain `.ron` files that are not graphs.
+//! Finds the files that the arguments of a command select. An argument may be a folder, which may also contain `.ron` files that are not
+//! graphs.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -9,7 +10,8 @@ use maquette_graph::{LOCK_ENDING, PINS_ENDING};
 use super::serve::LAYOUT_ENDING;
 
 /// Returns the files that some paths select, and the folders that could not be read. A folder selects all `.ron` files in it and its
-/// subfolders, sorted by name, without hidden folders. Companion files of graphs ([`is_companion`]) are skipped, unless a companion file is
+/// subfolders, sorted by name, except those in hidden folders. Companion files of graphs ([`is_companion`]) are skipped, unless the only
+/// path is such a file.
 /// the only path.
 pub(super) fn find_files(paths: &[PathBuf]) -> (Vec<PathBuf>, Vec<(PathBuf, io::Error)>) {
     let (mut files, mut unread) = (Vec::new(), Vec::new());
@@ -19,7 +21,7 @@ pub(super) fn find_files(paths: &[PathBuf]) -> (Vec<PathBuf>, Vec<(PathBuf, io::
     (files, unread)
 }
 
-/// Returns the paths, except those for which `is_other` is true. A single path is always returned.
+/// Returns the paths for which `is_other` is false. If there is only one path, it is always returned.
 pub(super) fn filter_paths(
     paths: &[PathBuf],
     is_other: fn(&Path) -> bool,
@@ -27,7 +29,7 @@ pub(super) fn filter_paths(
     paths.iter().filter(move |path| paths.len() == 1 || !is_other(path))
 }
 
-/// Returns true if the file accompanies a graph: a lock file, a file of pins, or the node layout of an editor.
+/// Returns true if a file accompanies a graph: a lock file, a file of pins, or the positions of nodes in an editor.
 pub(super) fn is_companion(path: &Path) -> bool {
     let name = path.to_string_lossy();
     [LOCK_ENDING, PINS_ENDING, LAYOUT_ENDING]
@@ -35,7 +37,7 @@ pub(super) fn is_companion(path: &Path) -> bool {
         .any(|ending| name.ends_with(&format!(".{ending}")))
 }
 
-/// Returns true if the file name shows that the file is not a graph: a companion file, a test or a sweep.
+/// Returns true if the name of a file shows that it is not a graph but a companion file, a test or a sweep.
 pub(super) fn is_no_graph(path: &Path) -> bool {
     let name = path.to_string_lossy();
     is_companion(path)
@@ -58,7 +60,7 @@ fn collect_files(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), (PathBuf, 
         let is_hidden = entry.file_name().to_string_lossy().starts_with('.');
         let path = entry.path();
         let is_ron = path.extension().is_some_and(|ending| ending == "ron") && !is_companion(&path);
-        // Symbolic links are not followed: they may form a cycle or lead out of the project.
+        // Do not follow symbolic links, which may form a cycle or lead out of the project.
         if (kind.is_dir() && !is_hidden) || (is_ron && kind.is_file()) {
             collect_files(&path, files)?;
         }

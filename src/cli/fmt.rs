@@ -84,7 +84,7 @@ impl Fmt {
     }
 }
 
-/// Reads a file, or stdin for `-`.
+/// Reads a file. The path `-` stands for stdin.
 pub(super) fn read(path: &Path) -> std::io::Result<String> {
     if path != Path::new("-") {
         return fs::read_text(path);

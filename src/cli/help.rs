@@ -46,7 +46,7 @@ impl Help {
     }
 }
 
-/// Returns the message for an unknown topic or command, with a suggestion.
+/// Returns the message about an unknown topic or command. It suggests a similar one.
 fn unknown_message(word: &str, command: &clap::Command) -> String {
     if let Some(words) = renamed_commands::help_words(word) {
         return format!(

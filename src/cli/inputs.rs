@@ -1,4 +1,4 @@
-//! `--input NAME=FILE`: values for the inputs of a graph.
+//! `--input NAME=FILE`: reads the values of a graph's inputs from files.
 
 use std::path::{Path, PathBuf};
 
@@ -25,12 +25,12 @@ fn parse_input(text: &str) -> Result<(String, PathBuf), String> {
 }
 
 impl InputOptions {
-    /// Creates the options for one input.
+    /// Creates options that set a single input.
     pub(super) fn single(name: &str, file: &Path) -> Self {
         Self { files: vec![(name.to_owned(), file.to_owned())] }
     }
 
-    /// Returns the graph with the values from the files as its inputs, and the warnings from reading them.
+    /// Returns the graph with the values from the files as its inputs. Also returns the warnings of reading the files.
     pub(super) fn feed(
         &self,
         session: &Session,
@@ -40,7 +40,7 @@ impl InputOptions {
         Ok((session.bind_inputs(graph, &values)?, warnings))
     }
 
-    /// Returns the graph for a forecast, and warnings. A forecast does not read large files.
+    /// Returns the graph with what is known about its inputs, for a forecast. Large files are not read. Also returns warnings.
     pub(super) fn feed_for_forecast(
         &self,
         session: &Session,
@@ -50,12 +50,12 @@ impl InputOptions {
         Ok((session.bind_known_inputs(graph, &values)?, warnings))
     }
 
-    /// Calls [`Self::feed`] and prints its warnings and errors.
+    /// Does the work of [`Self::feed`], and prints the warnings and errors.
     pub(crate) fn feed_and_report(&self, session: &Session, graph: &Graph) -> Result<Graph, Exit> {
         Self::report_warnings(self.feed(session, graph))
     }
 
-    /// Calls [`Self::feed_for_forecast`] and prints its warnings and errors.
+    /// Does the work of [`Self::feed_for_forecast`], and prints the warnings and errors.
     pub(crate) fn feed_for_forecast_and_report(
         &self,
         session: &Session,
@@ -79,7 +79,7 @@ impl InputOptions {
         }
     }
 
-    /// Adds the input files to `sources`, the files that outputs must not overwrite.
+    /// Adds the input files to `sources`, the files that outputs must not replace.
     pub(super) fn protect(&self, sources: &mut Sources) {
         self.files().for_each(|file| sources.add(file, "it is an input"));
     }

@@ -1,4 +1,4 @@
-//! `maquette inspect`: prints facts about a value of a graph or a file, or about a pixel of it.
+//! `maquette inspect`: prints facts about a value of a graph or in a file, or about one of its pixels.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -89,10 +89,10 @@ pub(super) fn parse_view(text: &str) -> Result<View, String> {
     }
 }
 
-/// The name of the only node in the graph that is created to read a file with a value.
+/// The name of the node in a generated graph that reads a file with a value. It is the only node of that graph.
 const FILE: &str = "file";
 
-/// The name of an output for display, with the index of its node and its index among the outputs of that node.
+/// The name of an output for display, the index of its node, and its index among the outputs of that node.
 type NamedTarget = (String, (usize, usize));
 
 impl Inspect {
@@ -102,8 +102,7 @@ impl Inspect {
             Err(why) => return Exit::Usage(why),
         };
         let checked = checked.without_unknown_nodes();
-        // Errors about unknown nodes and missing files are not reported here. The evaluation reports them if the inspected value depends on
-        // them.
+        // Do not report unknown nodes and missing files here. If the inspected value depends on them, the evaluation reports them.
         fn is_of_node(it: &Diagnostic) -> bool {
             matches!(it.code, code::UNKNOWN_NODE | code::MISSING_FILE)
         }
@@ -119,8 +118,7 @@ impl Inspect {
         if let Err(why) = self.check() {
             return Exit::Usage(why);
         }
-        // The elements of a `ForEach` over data are known only after the evaluation. So names are checked before the evaluation only if the
-        // graph has no such loop.
+        // Check the names before the evaluation, unless the graph has a `ForEach` over data, whose elements are known only afterwards.
         let is_whole = graph.loops().is_empty();
         if is_whole && let Err(why) = self.find(&graph) {
             return Exit::Usage(why);
@@ -227,7 +225,7 @@ impl Inspect {
         self.node.as_deref().unwrap_or(FILE)
     }
 
-    /// Loads the graph and its inputs. For a file with a value, creates a graph that returns the value.
+    /// Loads the graph and its inputs. If the file contains a value instead of a graph, creates a graph that reads the value.
     fn load_graph(&self, catalog: &Catalog) -> Result<(CheckedGraph, InputOptions), String> {
         let file = self.file.for_display();
         if self.node.is_some() {
@@ -256,7 +254,7 @@ impl Inspect {
         Ok((checked, InputOptions::single(FILE, &self.file)))
     }
 
-    /// Returns the pixel if the option `--at` is `X,Y`, otherwise `None`.
+    /// Returns the pixel of the option `--at X,Y`. Returns `None` if the option is missing or has another form.
     fn pixel(&self) -> Option<[usize; 2]> {
         match self.at {
             Some(CameraTarget::Pixel(pixel)) => Some(pixel),
@@ -273,7 +271,7 @@ impl Inspect {
         PictureRequest { view, kind, target: at, over: &self.over, broken: &[] }
     }
 
-    /// Checks that options for pictures are used only if a picture is written.
+    /// Checks that options for pictures are given only if a picture is written.
     fn check(&self) -> Result<(), String> {
         let has_picture = self.out.as_ref().is_some_and(|path| extension(path) == "png");
         if has_picture || !self.request().has_target() {
@@ -282,7 +280,7 @@ impl Inspect {
         Err("--at X,Y,Z, --at NODE and --over NODE need a picture; add --out FILE.png".into())
     }
 
-    /// Returns the values to print. With `--at X,Y` these are only the values that have facts about the pixel.
+    /// Returns the values to print. With `--at X,Y`, these are the values that have facts about that pixel.
     fn select_values<'v>(
         &self,
         node: &str,
@@ -301,8 +299,8 @@ impl Inspect {
         }
     }
 
-    /// Returns the graph output whose name is the argument `node`. Returns `None` if a node output has the same name, because the node
-    /// output takes precedence.
+    /// Returns the output of the graph that the argument `node` names. If an output of a node has the same name, that one is meant, and
+    /// `None` is returned.
     fn file<'g>(&self, graph: &'g Graph) -> Option<&'g GraphOutput> {
         let (name, output) = self.node().split_once('.')?;
         let mut used = graph.uses().iter().filter(|given| given.name == name);
@@ -312,7 +310,7 @@ impl Inspect {
         graph.outputs().iter().find(|file| file.name == self.node() && !is_value)
     }
 
-    /// Returns the node outputs that the argument `node` refers to, each with its name.
+    /// Returns the outputs of nodes that the argument `node` names, each with its name for display.
     fn find(&self, graph: &Graph) -> Result<Vec<NamedTarget>, String> {
         if let Some(GraphOutput { node, output, .. }) = self.file(graph) {
             let name = graph.nodes()[*node].outputs[*output].to_owned();
@@ -324,7 +322,7 @@ impl Inspect {
         };
         let outputs: Vec<NamedTarget> = match graph.find(name) {
             Some(node) => {
-                // The outputs of a `ForEach` over data are its elements, which are numbered in messages.
+                // Number the outputs of a `ForEach` over data in messages, because they are its elements.
                 let is_numbered = graph.nodes()[node].kind() == ELEMENTS;
                 let names = graph.nodes()[node].outputs.iter().enumerate();
                 names.map(|(k, name)| (output_label(name, k, is_numbered), (node, k))).collect()
@@ -456,12 +454,13 @@ impl Inspect {
     }
 }
 
-/// Returns the name of a node output. If `is_numbered`, the number of the element is appended, counted from 1.
+/// Returns the name of an output for display. If `is_numbered` is true, appends the number of the element, counted from 1.
 fn output_label(name: &str, index: usize, is_numbered: bool) -> String {
     if is_numbered { format!("{name} {}", index + 1) } else { name.to_owned() }
 }
 
-/// Returns the first value that can be written to a file with this extension, or a message with the possible extensions.
+/// Returns the first value that can be written to a file with this extension. If there is none, returns a message with the possible
+/// extensions.
 fn choose_written<'v>(
     node: &str,
     found: &[(&'v str, &'v AnyValue)],
@@ -493,13 +492,13 @@ fn choose_written<'v>(
     Err(Vec::from_iter(can).join("; "))
 }
 
-/// Returns true if the value has no colors of its own, so it is displayed in made-up colors.
+/// Returns true if the value has no colors of its own, so that it is displayed in false colors.
 fn is_drawn(value: &AnyValue) -> bool {
     first_picture(value).is_some_and(|picture| picture.has_false_colors)
 }
 
-/// Returns true if a rendering shows more of the value than a file in its own format does: the value is displayed in made-up colors, or has
-/// visible parts other than faces, such as points.
+/// Returns true if a rendered picture shows more of the value than a file in its own format. This is so if the value is displayed in false
+/// colors, or has visible parts other than faces, such as points.
 fn is_best_seen(value: &AnyValue) -> bool {
     match &value.show()[..] {
         [] | [Layer::Triangles(_)] => false,
@@ -507,7 +506,7 @@ fn is_best_seen(value: &AnyValue) -> bool {
     }
 }
 
-/// Writes all files, or no file if one of them must not be written, for instance because it would overwrite an input.
+/// Writes all files. If one of them must not be written, for instance because it would overwrite an input, none is written.
 fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path, sources: &Sources) -> Exit {
     fn write_error(path: &Path, why: &dyn std::fmt::Display) -> Exit {
         Exit::Usage(format!("cannot write {}: {why}", path.for_display()))
@@ -522,7 +521,7 @@ fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path, sources: &Source
     }
 }
 
-/// Formats facts as a table of two columns: name and value.
+/// Formats facts as a table with two columns, for the name and the value.
 fn fact_table(summary: &Summary) -> String {
     let longest = summary.0.iter().map(|(label, _)| label.len()).max().unwrap_or(0);
     let mut text = String::new();
@@ -532,13 +531,13 @@ fn fact_table(summary: &Summary) -> String {
     text
 }
 
-/// Formats a histogram: `0 ▁▂█▄ 1`.
+/// Formats a histogram, for example `0 ▁▂█▄ 1`.
 fn histogram(fact: &Json) -> String {
     const HEIGHTS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
     let counts = fact["counts"].as_array().into_iter().flatten().filter_map(Json::as_u64);
     let counts: Vec<u64> = counts.collect();
     let most = counts.iter().copied().max().unwrap_or(0).max(1);
-    // Rounded up, so a bin that contains a single number is visible.
+    // Round up, so that a bin with a single number is visible.
     let bars: String =
         counts.iter().map(|count| HEIGHTS[(count * 8).div_ceil(most) as usize]).collect();
     format!("{} {bars} {}", format_fact(&fact["from"]), format_fact(&fact["to"]))

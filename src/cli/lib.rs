@@ -1,10 +1,10 @@
-//! The commands of `maquette`, for a program that is built with any set of node packs.
+//! The commands of `maquette`. A program can be built with any set of node packs.
 //!
-//! [`main`] runs the program. Each command has one file. `tasks` runs the tasks of a batch and stores their records; `listen` receives the
-//! events of a watch; `serve` is the protocol for hosts in other languages (`docs/serve.md`).
+//! [`main`] runs the program. Each command has its own file. `tasks` runs the tasks of a batch and stores their records. `listen` watches
+//! files for `maquette watch`. `serve` implements the protocol for host programs in other languages (`docs/serve.md`).
 //!
-//! Read `program.rs` first, then `run.rs`. To add a command, add a file and a line in `commands!`. The crates below do the work of each
-//! command; this crate contains arguments, options, progress and printing.
+//! Read `program.rs` first, then `run.rs`. To add a command, add a file and a line in `commands!`. This crate contains arguments, options,
+//! progress and printing. The work of the commands is done by other crates.
 
 mod batch;
 mod cache;

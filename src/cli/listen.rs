@@ -1,6 +1,6 @@
-//! Watches the files that a graph depends on, and decides when to run the graph again.
+//! Watches the files on which a graph depends, and decides when to evaluate the graph again.
 //!
-//! [`WatchList`] lists the watched paths, [`Sources`] report events, [`Contents`] detects which files have new contents, [`Batch`]
+//! [`WatchList`] lists the watched paths. [`Sources`] report events. [`Contents`] finds out which files have new contents. [`Batch`]
 //! decides when to evaluate, and [`Series`] when to write outputs. The watch on a file always begins before the file is read. So a change
 //! in between is reported twice rather than never.
 

@@ -1,4 +1,4 @@
-//! `maquette lock`: records the used graphs in a lock file, and updates it when they changed (`--update`).
+//! `maquette lock`: writes a lock file with the state of the graphs that a graph uses. `--update` accepts changes of these graphs.
 
 use std::collections::BTreeSet;
 use std::io::{BufRead as _, IsTerminal};
@@ -39,7 +39,7 @@ impl Lock {
         if self.update { self.update(catalog) } else { self.write(catalog) }
     }
 
-    /// Writes a lock file with the present state of the used graphs.
+    /// Writes a lock file that contains the present state of the used graphs.
     fn write(&self, catalog: &Catalog) -> Exit {
         let _turn = match acquire_lock(&self.graph) {
             Ok(turn) => turn,
@@ -66,7 +66,7 @@ impl Lock {
         }
     }
 
-    /// Prints the changes of the used graphs since the lock file was written, and accepts the changes if the user agrees.
+    /// Prints how the used graphs have changed since the lock file was written. Accepts the changes if the user agrees.
     fn update(&self, catalog: &Catalog) -> Exit {
         let path = lock_beside(&self.graph);
         let before = match LockFile::read(&self.graph) {
@@ -114,8 +114,8 @@ impl Lock {
         }
     }
 
-    /// Writes the accepted changes into the lock file. Reads the lock file again, because another process may have changed it while the
-    /// user was asked.
+    /// Writes the accepted changes into the lock file. Reads the lock file again first, because another process may have changed it while
+    /// the user was asked.
     fn accept(&self, selected: &BTreeSet<String>, now: &LockFile) -> Result<(), String> {
         let _turn = acquire_lock(&self.graph)?;
         let lock = LockFile::read(&self.graph).map_err(|diagnostic| diagnostic.message)?;
@@ -129,11 +129,11 @@ impl Lock {
         write_lock(&self.graph, &lock)
     }
 
-    /// Returns the paths of the used graphs that the update concerns, from the old and the new lock file.
+    /// Returns the paths of the used graphs to be updated, among those in the old and the new lock file.
     ///
     /// # Errors
-    /// The outer error contains the diagnostics of the named graph if it cannot be loaded; the inner error is a message if no used
-    /// graph has this name.
+    /// The outer error contains the diagnostics of the named graph if it cannot be loaded. The inner error is a message that no used graph
+    /// has this name.
     fn selected_keys(
         &self,
         before: &LockFile,
@@ -160,7 +160,7 @@ impl Lock {
         Ok(Ok(selected))
     }
 
-    /// Describes how a used graph has changed, or returns `None` if it is unchanged.
+    /// Describes how a used graph has changed. Returns `None` if it has not.
     fn describe_change(
         &self,
         key: &str,
@@ -194,7 +194,7 @@ fn folder_of(graph: &Path) -> &Path {
     folder.unwrap_or(Path::new("."))
 }
 
-/// Returns the graphs that the graph at `path` uses now. Their paths are relative to the folder that contains `beside`.
+/// Returns the graphs that the graph at `path` uses. Their paths are relative to the folder that contains `beside`.
 fn find_used_graphs(
     path: &Path,
     beside: &Path,
@@ -205,7 +205,7 @@ fn find_used_graphs(
     LockFile::current(path, folder_of(beside), catalog, &options)
 }
 
-/// Prevents other processes from writing the lock file of a graph until the returned guard is dropped.
+/// Takes the lock for writing a graph's lock file. Other processes cannot write that file until the returned guard is dropped.
 fn acquire_lock(graph: &Path) -> Result<FolderLock, String> {
     FolderLock::acquire(graph)
         .map_err(|error| format!("cannot write {}: {error}", lock_beside(graph).for_display()))
@@ -218,7 +218,7 @@ fn write_lock(graph: &Path, lock: &LockFile) -> Result<(), String> {
         .map_err(|error| format!("cannot write {}: {error}", path.for_display()))
 }
 
-/// Asks the user to accept the changes. Returns false if the input or output is not a terminal.
+/// Asks the user to accept the changes. Returns false without asking if the input or output is not a terminal.
 fn confirm() -> bool {
     let stdin = std::io::stdin();
     if !stdin.is_terminal() || !std::io::stdout().is_terminal() {
@@ -226,7 +226,7 @@ fn confirm() -> bool {
     }
     print("accept the changes? [y/N] ");
     let mut answer = String::new();
-    // If stdin cannot be read, the answer stays empty, which means no.
+    // Ignore an error: the answer stays empty, which means no.
     let _ = stdin.lock().read_line(&mut answer);
     matches!(answer.trim(), "y" | "Y" | "yes")
 }

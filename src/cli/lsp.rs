@@ -25,7 +25,7 @@ pub(crate) struct Lsp {
 
 impl Lsp {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        // The server only reads the cache, so one thread suffices.
+        // Use one thread, because the server only reads the cache and never evaluates.
         let session = match self.cache.session(1, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),

@@ -41,7 +41,7 @@ impl Merge {
                     return Exit::Usage(format!("cannot read {}: {error}", file.for_display()));
                 }
             };
-            // git passes temporary files with meaningless names.
+            // Name the version instead of the file, because git passes temporary files with meaningless names.
             let name = match &self.path {
                 Some(path) => format!("{} ({side})", path.for_display()).into(),
                 None => file.clone(),

@@ -1,7 +1,8 @@
-//! `maquette new`: writes a graph for a folder of scans.
+//! `maquette new`: writes a new graph for a folder of scans.
 //!
-//! The command contains no node names. A recipe of a pack is a complete graph file, and the fields of its first node that reads a scan
-//! determine which files it needs. The content of a file in the folder is determined by reading the file, not by its name.
+//! The command contains no names of nodes. Each pack may contain recipes, which are complete graph files. The fields of the first node in a
+//! recipe that reads a scan determine which files the recipe needs. Files in the folder are recognized by their contents, not by their
+//! names.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -72,7 +73,7 @@ impl New {
             }
         };
         let file = path.for_display();
-        // The folder must exist before relative paths in the graph can be resolved.
+        // Create the folder first: relative paths in the graph cannot be resolved before it exists.
         let is_new = !base.exists();
         if let Err(error) = make_folder(&base) {
             return Exit::Usage(format!("cannot write {file}: {error}"));
@@ -111,7 +112,7 @@ impl New {
         Exit::Done
     }
 
-    /// Returns the recipe that `--recipe` names, or the first recipe for which all files exist.
+    /// Returns the recipe that `--recipe` names. By default, returns the first recipe whose files all exist.
     fn choose_recipe(
         &self,
         scans: &Scans,
@@ -122,7 +123,7 @@ impl New {
             .iter()
             .filter_map(|recipe| Some((*recipe, ScanRequirements::for_recipe(recipe, catalog)?)));
         let mut all = Vec::from_iter(all);
-        // Recipes for several scans come first, because the other recipes would use only the first scan.
+        // Put recipes for several scans first, because other recipes would use only the first scan.
         all.sort_by_key(|(_, wants)| !wants.is_list);
         let Some(name) = &self.recipe else {
             let found = all.into_iter().find(|(_, wants)| wants.is_satisfied(&scans.all));
@@ -145,7 +146,7 @@ impl New {
     }
 }
 
-/// Marks a folder as the root of a project, unless it is already in a project.
+/// Makes a folder the root of a project, unless it is already inside of a project.
 fn mark_root(folder: &Path) -> bool {
     const TEXT: &str =
         "# The root of a project: its graphs may read files anywhere under this folder.\n";
@@ -153,14 +154,14 @@ fn mark_root(folder: &Path) -> bool {
     !is_in_project && write_new(&folder.join(MARKER), TEXT).is_ok()
 }
 
-/// Returns the description of a recipe, which is part of its graph.
+/// Returns the description of a recipe, which its graph contains.
 fn recipe_doc(recipe: &Recipe) -> String {
     let (tree, _) = parse(recipe.text);
     let doc = tree.fields().unwrap_or_default().iter().find(|field| field.name.text == "doc");
     doc.and_then(|doc| doc.value.text()).unwrap_or_default().to_owned()
 }
 
-/// Returns the file name of the graph, derived from the folder or file of the scans.
+/// Returns the file name of the new graph, derived from the name of the folder or file of the scans.
 fn graph_name(scans: &Path) -> String {
     let scans = std::fs::canonicalize(scans).unwrap_or_else(|_| scans.to_owned());
     let name = if scans.is_file() { scans.file_stem() } else { scans.file_name() };

@@ -1,4 +1,4 @@
-//! `maquette nodes`: the reference of nodes, generated from their types.
+//! `maquette nodes`: prints the reference of nodes, which is generated from their types.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -67,7 +67,7 @@ impl Nodes {
         print(&Vec::from_iter(nodes).join("\n"));
     }
 
-    /// Prints the graphs that a graph uses. The graph itself comes first if it has inputs.
+    /// Prints the reference of the graphs that a graph uses. If the graph itself has inputs, it comes first.
     fn graph(&self, path: &Path, catalog: &Catalog) -> Exit {
         let options = Options { files: Files::Ignored, ..Options::default() };
         let (subgraphs, diagnostics) = Graph::subgraphs(path, catalog, &options);
@@ -90,7 +90,7 @@ impl Nodes {
     }
 }
 
-/// Returns a line for each node, grouped by pack.
+/// Returns a list of all nodes, with one line per node, grouped by pack.
 fn node_list(catalog: &Catalog) -> String {
     let mut text = String::new();
     let mut pack = "";
@@ -170,10 +170,10 @@ fn describe_node(entry: &Description<'_>) -> String {
     text
 }
 
-/// The maximum indentation of nested parameters, because types may be recursive.
+/// The maximum indentation of nested parameters. It ends the output of recursive types.
 const MAX_INDENT: usize = 24;
 
-/// Describes a parameter with its choices and nested fields.
+/// Describes a parameter with its enum variants and nested fields.
 fn describe_parameter_tree(text: &mut String, name: &str, field: &Json, root: &Json, by: usize) {
     let schema = resolve_field(field, root);
     let default = describe_default(field, root);
@@ -200,7 +200,7 @@ fn describe_parameter_tree(text: &mut String, name: &str, field: &Json, root: &J
     }
 }
 
-/// Describes a choice of a parameter with its fields.
+/// Describes an enum variant of a parameter with its fields.
 fn describe_choice(text: &mut String, choice: &Json, root: &Json, by: usize) {
     let only = json!({ "oneOf": [choice] });
     let variants = variants(&only);
@@ -221,14 +221,14 @@ fn describe_choice(text: &mut String, choice: &Json, root: &Json, by: usize) {
     }
 }
 
-/// Appends a description, if there is one.
+/// Appends a description, unless it is empty.
 fn push_doc(text: &mut String, doc: &str, by: usize) {
     if !doc.is_empty() {
         let _ = writeln!(text, "{}", indent(doc, by));
     }
 }
 
-/// Returns the choices of an enum if the schema describes each choice separately.
+/// Returns the variants of an enum, if the JSON schema describes them one by one.
 fn choices(schema: &Json) -> &[Json] {
     schema.get("oneOf").and_then(Json::as_array).map(Vec::as_slice).unwrap_or_default()
 }

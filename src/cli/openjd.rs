@@ -1,5 +1,5 @@
-//! `--events=openjd`: reports progress to an agent of Open Job Description. The agent reads lines such as `openjd_progress: 42` (in
-//! percent), `openjd_status: ..` and `openjd_fail: ..` with messages.
+//! `--events=openjd`: reports progress to an agent of Open Job Description, which runs jobs on a farm. The agent reads lines such as
+//! `openjd_progress: 42` (in percent), and `openjd_status: ..` and `openjd_fail: ..` with messages.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -10,7 +10,7 @@ use maquette_node::CancelToken;
 use super::events::unresponsive_message;
 use super::print;
 
-/// Reports the progress of a job with one or several tasks.
+/// Reports the progress of a job that consists of one or several tasks.
 pub(super) struct JobProgress {
     cancel: CancelToken,
     state: Mutex<JobState>,
@@ -18,20 +18,20 @@ pub(super) struct JobProgress {
 
 #[derive(Default)]
 struct JobState {
-    /// The number of tasks.
+    /// The number of tasks of the job.
     tasks: usize,
     ended_tasks: usize,
-    /// The number of nodes of the running task, `None` if it is unknown.
+    /// The number of nodes of the running task, or `None` if it is unknown.
     nodes: Option<usize>,
     ended_nodes: usize,
-    /// The completed fraction (0 to 1) of each running node, by name. Nodes that do not report their progress are missing.
+    /// The finished fraction (0 to 1) of each running node, by name. Nodes that do not report their progress are missing.
     fractions: HashMap<String, f64>,
-    /// The last reported percentage.
+    /// The percentage that was last reported.
     percentage: Option<usize>,
 }
 
 impl JobProgress {
-    /// Creates the progress report of a job with `tasks` tasks. Nothing is reported after `cancel` is cancelled.
+    /// Creates the report for a job of `tasks` tasks. After `cancel` is cancelled, nothing is reported.
     pub(super) fn new(tasks: usize, cancel: CancelToken) -> Self {
         Self { cancel, state: Mutex::new(JobState { tasks, ..JobState::default() }) }
     }
@@ -66,7 +66,7 @@ impl JobProgress {
 }
 
 impl JobState {
-    /// Prints the percentage if it has increased. It never decreases.
+    /// Prints the percentage if it has increased. It is never reported to decrease.
     fn print_new_percentage(&mut self) {
         let of_task = self.nodes.map_or(0.0, |nodes| {
             let done = self.ended_nodes as f64 + self.fractions.values().sum::<f64>();
@@ -81,7 +81,7 @@ impl JobState {
     }
 }
 
-/// Prints one line for the agent.
+/// Prints a line that the agent reads. Line breaks in the message become spaces.
 fn print_line(what: &str, words: &str) {
     let words = words.lines().collect::<Vec<_>>().join(" ");
     print(&format!("{what}: {words}\n"));

@@ -57,8 +57,8 @@ impl GraphOptions {
         Options { roots, set, draft, locked, pins: !no_pins, ..Options::default() }
     }
 
-    /// Returns the folder for the outputs of a graph: `named` if it is given, otherwise the default folder, which has another name for
-    /// drafts.
+    /// Returns the folder for the outputs of a graph: `named` if it is given, otherwise the default folder. Drafts have another default
+    /// folder.
     pub(crate) fn output_folder(&self, named: Option<&Path>, graph: &Path) -> OutputFolder {
         if self.draft {
             OutputFolder::of_draft(named, graph)

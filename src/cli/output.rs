@@ -10,18 +10,18 @@ use maquette_graph::Graph;
 use maquette_syntax::diagnostics::{escape_json, render, sanitize, sanitize_line};
 use maquette_syntax::error::{Diagnostic, MAX_REPORTED, Severity, code};
 
-/// The result of a command.
+/// The result of a command, which determines the exit code.
 pub(crate) enum Exit {
     Done,
-    /// The graph or one of its files failed; the errors have been printed.
+    /// The graph or one of its files has errors, which have already been printed.
     Failed,
     /// The user interrupted the command.
     Interrupted,
-    /// The command line is wrong; the field contains the message.
+    /// The command line is wrong. Contains the error message.
     Usage(String),
 }
 
-/// Returns the name of this program, for instance `maquette`. A program that is built with other packs has another name.
+/// Returns the name of this program, usually `maquette`. A program that is built with other packs may have another name.
 pub(crate) fn program() -> String {
     NAME.get_or_init(|| name_in(std::env::args_os().next().as_ref())).clone()
 }
@@ -33,9 +33,9 @@ pub(crate) fn name_in(word: Option<&OsString>) -> String {
     name.map_or_else(|| "maquette".into(), |name| name.to_string_lossy().into_owned())
 }
 
-/// Formats paths for messages.
+/// Formats a path for messages.
 pub(crate) trait DisplayPath {
-    /// Returns the path on one line, without control characters.
+    /// Returns the path as one line without control characters.
     fn for_display(&self) -> String;
 }
 
@@ -45,21 +45,21 @@ impl DisplayPath for Path {
     }
 }
 
-/// The first error of a write to stdout. After an error nothing more is written.
+/// The first error of writing to stdout. After an error nothing more is written to it.
 static STDOUT_ERROR: Mutex<Option<io::Error>> = Mutex::new(None);
 
-/// Writes text to stdout. Control characters, which may occur in file names, become visible symbols.
+/// Writes a text to stdout. Control characters, which file names may contain, are replaced by visible symbols.
 pub(crate) fn print(text: &str) {
     print_as_it_is(&sanitize(text));
 }
 
-/// Writes a document to stdout. A pipe or file receives all bytes; a terminal receives visible symbols instead of control characters.
+/// Writes a document to stdout. A file or pipe receives the exact bytes. On a terminal, control characters are replaced by visible symbols.
 pub(crate) fn print_document(text: &str) {
     if io::stdout().is_terminal() { print(text) } else { print_as_it_is(text) }
 }
 
-/// Writes text to stdout without changes. All commands print with this function: it records a write error ([`stdout_error`]), and the
-/// program fails at the end.
+/// Writes a text to stdout unchanged. All commands print through this function. It stores the first error ([`stdout_error`]), which makes
+/// the program fail at the end.
 pub(crate) fn print_as_it_is(text: &str) {
     let mut stdout = io::stdout().lock();
     let mut failed = first_stdout_error();
@@ -68,7 +68,7 @@ pub(crate) fn print_as_it_is(text: &str) {
         *failed = Some(io::Error::from_raw_os_error(libc::EBADF));
     }
     if failed.is_none() {
-        // The text is flushed, because an error while flushing later would go unnoticed.
+        // Flush at once, because an error of a later flush would go unnoticed.
         *failed = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()).err();
     }
 }
@@ -77,20 +77,20 @@ fn first_stdout_error() -> std::sync::MutexGuard<'static, Option<io::Error>> {
     STDOUT_ERROR.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns true if nothing more can be written to stdout.
+/// Returns true if writing to stdout has failed, so that nothing more can be written.
 pub(crate) fn stdout_is_closed() -> bool {
     first_stdout_error().is_some()
 }
 
-/// Takes the first error of a write to stdout. A pipe that the reader closed, as `head` does, is not an error.
+/// Takes the first error of writing to stdout. A pipe that its reader has closed, as `head` does, is not an error.
 pub(crate) fn stdout_error() -> Option<io::Error> {
     first_stdout_error().take().filter(|error| error.kind() != ErrorKind::BrokenPipe)
 }
 
-/// Prints clap's messages: help and versions to stdout, errors to stderr. Returns the exit code.
+/// Prints a message of clap: help and version to stdout, errors to stderr. Returns the exit code.
 pub(crate) fn print_usage(message: &clap::Error) -> u8 {
     if message.use_stderr() {
-        // If stderr is closed, the error cannot be reported anywhere.
+        // Ignore an error: if stderr is closed, nothing can be reported.
         let _ = message.print();
     } else {
         let text = message.render();
@@ -100,7 +100,7 @@ pub(crate) fn print_usage(message: &clap::Error) -> u8 {
     message.exit_code() as u8
 }
 
-/// Writes text to stderr. Control characters become visible symbols.
+/// Writes a text to stderr. Control characters are replaced by visible symbols.
 pub(crate) fn eprint(text: &str) {
     eprint_as_it_is(&sanitize(text));
 }
@@ -113,13 +113,13 @@ pub(crate) fn print_json(document: &serde_json::Value) {
     print_as_it_is(&escape_json(&format!("{document:#}\n")));
 }
 
-/// Returns true if colored text may be written to a stream: it is a terminal and NO_COLOR is not set (no-color.org).
+/// Returns true if colors may be written to a stream: it is a terminal, and the variable NO_COLOR is not set (no-color.org).
 pub(crate) fn shows_color(stream: &impl IsTerminal) -> bool {
     stream.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
 }
 
-/// Selects the diagnostics to report, errors before warnings if there are too many, and keeps their order. Also returns the number of
-/// diagnostics that are not selected.
+/// Selects the diagnostics to report. If there are too many, prefers errors to warnings. Keeps their order. Also returns the number of
+/// diagnostics left out.
 pub(crate) fn split_for_report(diagnostics: &[Diagnostic]) -> (Vec<&Diagnostic>, usize) {
     let mut reported: Vec<_> = diagnostics.iter().enumerate().collect();
     reported.sort_by_key(|(_, diagnostic)| diagnostic.severity);
@@ -130,7 +130,7 @@ pub(crate) fn split_for_report(diagnostics: &[Diagnostic]) -> (Vec<&Diagnostic>,
     (reported, rest)
 }
 
-/// Returns true if there is an error among diagnostics.
+/// Returns true if one of the diagnostics is an error.
 pub(crate) fn has_errors(diagnostics: &[Diagnostic]) -> bool {
     count_severity(diagnostics, Severity::Error) > 0
 }
@@ -140,7 +140,7 @@ pub(crate) fn count_severity(diagnostics: &[Diagnostic], severity: Severity) -> 
     diagnostics.iter().filter(|it| it.severity == severity).count()
 }
 
-/// Prints diagnostics to stderr in readable form.
+/// Prints diagnostics to stderr, in the form for people.
 pub(crate) fn report(diagnostics: &[Diagnostic]) {
     let color = shows_color(&io::stderr());
     let (reported, rest) = split_for_report(diagnostics);
@@ -152,12 +152,13 @@ pub(crate) fn report(diagnostics: &[Diagnostic]) {
     }
 }
 
-/// Evaluates all outputs of a graph without its expectations, and reports diagnostics. Returns `None` if the graph could not run.
+/// Evaluates all outputs of a graph without checking its expectations, and reports diagnostics. Returns `None` if the graph could not run.
 pub(crate) fn all_outputs(session: &mut Session, graph: &Graph) -> Option<RunResult> {
     let targets = Targets::Named(graph.output_names().map(str::to_owned).collect());
     match session.run(graph, &Run { targets, ..Run::default() }) {
         Ok(finished) => {
-            // The check has already reported nodes of unknown types. Outputs that do not depend on them can still be evaluated.
+            // Leave out errors about nodes of unknown types, which the check has already reported. Outputs that do not need them can be
+            // evaluated.
             let mut diagnostics = finished.diagnostics();
             diagnostics.retain(|it| it.code != code::UNKNOWN_NODE);
             report(&diagnostics);
@@ -170,8 +171,7 @@ pub(crate) fn all_outputs(session: &mut Session, graph: &Graph) -> Option<RunRes
     }
 }
 
-/// Adds diagnostics to a document of `--json`: `problems` lists those that are reported, and `more_problems` is the number of the
-/// others.
+/// Adds diagnostics to a JSON document: `problems` contains those that are reported, and `more_problems` is the number of those left out.
 pub(crate) fn put_problems(document: &mut serde_json::Value, diagnostics: &[Diagnostic]) {
     let (reported, rest) = split_for_report(diagnostics);
     document["problems"] = reported.into_iter().map(Diagnostic::to_json).collect();
@@ -180,12 +180,12 @@ pub(crate) fn put_problems(document: &mut serde_json::Value, diagnostics: &[Diag
     }
 }
 
-/// Returns the width of a table column for names of these lengths. The width is limited; very long names exceed it.
+/// Returns the width of a table column for names of these lengths. It is limited to 200, which very long names exceed.
 pub(crate) fn column_width(lengths: impl Iterator<Item = usize>) -> usize {
     lengths.max().unwrap_or(0).min(200)
 }
 
-/// Formats a number of bytes: `4.1 MB`.
+/// Formats a number of bytes, such as `4.1 MB`.
 pub(crate) fn in_bytes(bytes: usize) -> String {
     match bytes {
         0..1_000 => format!("{bytes} B"),
@@ -194,7 +194,7 @@ pub(crate) fn in_bytes(bytes: usize) -> String {
     }
 }
 
-/// Formats a number with a noun: `3 errors`, `1 error`, `9 900 files`.
+/// Formats a number with a noun, such as `3 errors`, `1 error` or `9 900 files`.
 pub(crate) fn format_count(count: usize, what: &str) -> String {
     let digits = count.to_string();
     let mut number = String::with_capacity(digits.len() + digits.len() / 3);

@@ -3,13 +3,13 @@
 #[cfg(unix)]
 use std::time::Duration;
 
-/// Ends this process soon after its parent has ended, if the parent requested that by an environment variable.
+/// Ends this process soon after its parent has ended, if the parent has requested that by an environment variable.
 #[cfg(unix)]
 pub(crate) fn end_with_parent() {
     const CHECK_INTERVAL: Duration = Duration::from_millis(250);
     let parent = std::env::var(maquette_lsp::PARENT).ok();
     let Some(parent) = parent.and_then(|id| id.parse::<i32>().ok()) else { return };
-    // Ends the process as a second interrupt does. No output file is incomplete, because each file is written completely or not at all.
+    // End like after a second Ctrl-C. No output file is left incomplete, because each file is written whole or not at all.
     fn end() -> ! {
         std::process::exit(130)
     }
@@ -24,13 +24,13 @@ pub(crate) fn end_with_parent() {
         });
         return;
     }
-    // Either this process is a grandchild, which inherits the variable but has another parent, or the parent ended before this process
-    // began.
+    // Two cases are possible. This process may be a grandchild, which inherits the variable but has another parent. Or the parent ended
+    // before this process began; only then this process ends, too.
     if maquette_lsp::has_ended(parent.unsigned_abs()) {
         end();
     }
 }
 
-/// Does nothing on this system: the server stops its processes when it ends.
+/// Does nothing. On this system the language server stops its processes when it ends.
 #[cfg(not(unix))]
 pub(crate) fn end_with_it() {}

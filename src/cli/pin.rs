@@ -1,4 +1,4 @@
-//! `maquette pin`: stores results of nodes beside the graph, and removes them (`--remove`).
+//! `maquette pin`: stores results of nodes next to the graph file, so that the nodes need not run. `--remove` removes them.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -45,7 +45,7 @@ impl Pin {
 
     /// Runs the nodes and stores their results.
     fn pin(&self, catalog: &Arc<Catalog>, options: &Options) -> Exit {
-        // Existing pins are ignored: the stored results must come from the graph alone.
+        // Ignore existing pins, because the stored results must come from the nodes themselves.
         let checked = Graph::load(&self.graph, catalog, options).without_unknown_nodes();
         report(&checked.diagnostics);
         let Some(graph) = checked.graph else { return Exit::Failed };

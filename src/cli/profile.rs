@@ -1,4 +1,4 @@
-//! `--profile`: the time and memory of each part of a run.
+//! `--profile`: prints the time and the memory of each part of a run.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use maquette_engine::writing::{Destination, WriteError};
 
 use super::{column_width, in_bytes};
 
-/// The time for reading files, in seconds: for the graph file, and for the files that its nodes read.
+/// The time spent reading files, in seconds: the graph file, and the files that nodes read.
 pub(super) struct ReadTimes {
     pub(super) graph: f64,
     pub(super) files: f64,
@@ -27,13 +27,14 @@ struct Row<'a> {
 }
 
 impl<'a> Row<'a> {
-    /// Creates the line for a file that was read or written.
+    /// Creates the row for a file that was read or written.
     fn for_file(name: &'a str, kind: &'a str, state: &'a str, seconds: f64) -> Self {
         Self { name, kind, state, seconds, bytes: 0, thread: String::new() }
     }
 }
 
-/// Returns a table of nodes, read files and written files, the slowest first. The total also adds times of nodes that ran in parallel.
+/// Returns a table of nodes, read files and written files, sorted by time, the slowest first. The total is the sum of all times, even of
+/// nodes that ran in parallel.
 pub(super) fn profile_table(trace: &RunTrace, read: &ReadTimes, written: &[OutputFile]) -> String {
     let nodes = trace.0.iter().map(|node| Row {
         name: &node.name,
@@ -78,7 +79,7 @@ pub(super) fn profile_table(trace: &RunTrace, read: &ReadTimes, written: &[Outpu
     text
 }
 
-/// Describes the requests to the cache server and their results.
+/// Describes the number of requests to the cache server and their results.
 pub(super) fn describe_exchange(exchange: &RequestCounts) -> String {
     let RequestCounts { found, missing, damaged, .. } = exchange;
     format!("cache server: {found} files found, {missing} missing, {damaged} damaged\n")
@@ -88,7 +89,7 @@ fn milliseconds(seconds: f64) -> String {
     format!("{:.1} ms", seconds * 1e3)
 }
 
-/// Writes the file `GRAPH.trace.json` into the output folder: the trace for Chrome's tracing page or Perfetto.
+/// Writes the trace of a run as `GRAPH.trace.json` into the output folder. Chrome's tracing page and Perfetto can show the file.
 pub(super) fn write_trace(
     trace: &RunTrace,
     graph: &Path,

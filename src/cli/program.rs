@@ -1,4 +1,4 @@
-//! The program: its command line and its exit codes.
+//! The program as a whole: its command line and its exit codes.
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -21,7 +21,7 @@ pub(crate) struct Cli {
     pub(crate) command: Command,
 }
 
-/// Defines the enum of all commands, by groups. Each command is a struct of arguments with a method `run`.
+/// Defines the enum of all commands, in groups. Each command is a struct of arguments with a method `run`.
 macro_rules! commands {
     ($($group:literal { $($(#[$doc:meta])* $name:ident($file:ident::$arguments:ident),)* })*) => {
         #[derive(Subcommand)]
@@ -29,7 +29,7 @@ macro_rules! commands {
             $($($(#[$doc])* $name(crate::$file::$arguments),)*)*
         }
 
-        /// The groups of commands in `--help`, each with its title and the variants of [`Command`] that belong to it.
+        /// The groups of commands in `--help`. Each has its title, and the names of the variants of [`Command`] in it.
         const GROUPS: &[(&str, &[&str])] = &[$(($group, &[$(stringify!($name)),*]),)*];
 
         impl Command {
@@ -105,7 +105,7 @@ commands! {
     }
 }
 
-/// Returns the template of `maquette --help`, with the commands by group.
+/// Returns the template of `maquette --help`, which lists the commands by group.
 fn help_template() -> String {
     let command = Command::augment_subcommands(clap::Command::new("maquette"));
     let styles = Styles::styled();
@@ -136,10 +136,10 @@ pub fn main(packs: &[&Pack]) -> ExitCode {
     ExitCode::from(run(packs, std::env::args_os()))
 }
 
-/// Runs the program with the given packs and arguments inside another process, such as a Python interpreter. The first argument is the
-/// name of the program. Returns the exit code: 0 success, 1 the graph failed, 2 the command line is wrong, 130 interrupted.
+/// Runs the program inside of another process, such as a Python interpreter. The first argument is the name of the program. Returns the
+/// exit code: 0 for success, 1 if the graph failed, 2 if the command line is wrong, 130 if interrupted.
 ///
-/// Installs the program's Ctrl-C handler and memory settings in the process, as [`main`] does.
+/// Like [`main`], installs the program's Ctrl-C handler and memory settings in the process.
 pub fn run(packs: &[&Pack], arguments: impl IntoIterator<Item = OsString>) -> u8 {
     maquette_value::memory::keep_freed();
     maquette_engine::eval::this_is_a_program();
@@ -150,8 +150,7 @@ pub fn run(packs: &[&Pack], arguments: impl IntoIterator<Item = OsString>) -> u8
 }
 
 fn run_arguments(packs: &[&Pack], mut arguments: Vec<OsString>) -> u8 {
-    // The value of `--events` is optional, so clap reads a separate next argument as the graph. `--events openjd` is joined here,
-    // because `openjd` is always the value.
+    // Join `--events openjd` to one argument. The value of `--events` is optional, so clap would take `openjd` for the path of the graph.
     let events = arguments.windows(2).position(|pair| pair[0] == "--events" && pair[1] == "openjd");
     if let Some(index) = events {
         arguments.splice(index..index + 2, ["--events=openjd".into()]);

@@ -1,4 +1,4 @@
-//! A progress bar on stderr, if it is a terminal and the work takes longer than half a second.
+//! A progress bar on stderr. It is shown if stderr is a terminal and the work takes longer than half a second.
 
 use std::io::IsTerminal;
 use std::sync::mpsc::{Sender, channel};
@@ -11,12 +11,12 @@ use maquette_engine::eval::{Observer, State};
 use super::eprint;
 use super::events::unresponsive_message;
 
-/// The time after which the bar is shown.
+/// The time after which the progress bar is shown.
 const SHOW_DELAY: Duration = Duration::from_millis(500);
 
 pub(super) struct Progress {
     bar: ProgressBar,
-    /// The thread that shows the bar after [`SHOW_DELAY`]; dropping the sender ends it.
+    /// The thread that shows the bar after [`SHOW_DELAY`]. It ends when the sender is dropped.
     shower: Option<(Sender<()>, JoinHandle<()>)>,
 }
 
@@ -40,7 +40,7 @@ impl Progress {
         Self { bar, shower }
     }
 
-    /// Removes the bar.
+    /// Removes the progress bar from the terminal.
     pub(super) fn end(self) {
         if let Some((sender, thread)) = self.shower {
             let _ = sender.send(());

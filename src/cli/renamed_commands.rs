@@ -1,4 +1,4 @@
-//! Commands under their former names. The program rejects them with a message that contains the new command line.
+//! Former names of commands. The program rejects them, with a message that contains the new command line.
 
 use std::ffi::OsString;
 
@@ -6,18 +6,18 @@ use maquette_syntax::quote_for_shell;
 
 use crate::output::program;
 
-/// Options of the former commands whose value is the next argument.
+/// The options of the renamed commands whose value is a separate argument.
 const WITH_VALUE: [&str; 4] = ["--root", "--to", "--name", "--as"];
 
 /// The new name of a command.
 struct NewName {
-    /// The new words: a command, and its subcommand or option.
+    /// The new command, and its subcommand or option.
     words: [&'static str; 2],
-    /// True if the graph is written between the two words: `edit GRAPH set`.
+    /// True if the graph is written between the two words, as in `edit GRAPH set`.
     has_graph_between: bool,
 }
 
-/// Returns the new name of a command, `None` if `name` is not a former name.
+/// Returns the new name of a command, or `None` if `name` is not a former name.
 fn find_new_name(name: &str) -> Option<NewName> {
     let (words, has_graph_between) = match name {
         "set" => (["edit", "set"], true),
@@ -34,14 +34,14 @@ fn find_new_name(name: &str) -> Option<NewName> {
 }
 
 impl NewName {
-    /// Returns the new name: `edit GRAPH set`.
+    /// Returns the new name as a text, such as `edit GRAPH set`.
     fn name(&self) -> String {
         let [first, second] = self.words;
         let between = if self.has_graph_between { " GRAPH " } else { " " };
         format!("{first}{between}{second}")
     }
 
-    /// Returns the new command line; `arguments` are those after the former name.
+    /// Returns the new command line. `arguments` are the arguments after the former name.
     fn command_line(&self, arguments: &[String]) -> String {
         let mut rest: Vec<_> = arguments.iter().map(|argument| quote_for_shell(argument)).collect();
         let [first, second] = self.words.map(str::to_owned);
@@ -56,7 +56,7 @@ impl NewName {
     }
 }
 
-/// Returns the index of the first argument that is neither an option nor the value of one.
+/// Returns the index of the first argument that is neither an option nor the value of an option.
 fn graph_index(arguments: &[String]) -> Option<usize> {
     let mut is_value = false;
     for (index, argument) in arguments.iter().enumerate() {
@@ -68,7 +68,7 @@ fn graph_index(arguments: &[String]) -> Option<usize> {
     None
 }
 
-/// Returns the error for arguments that begin with the former name of a command.
+/// Returns the error message if `arguments` begin with the former name of a command.
 pub(crate) fn message(arguments: &[OsString]) -> Option<String> {
     let (name, rest) = arguments.split_first()?;
     let name = name.to_str()?;
@@ -78,7 +78,7 @@ pub(crate) fn message(arguments: &[OsString]) -> Option<String> {
     Some(format!("error: `{name}` is now `{}`\n  = help: use `{line}` instead\n", renamed.name()))
 }
 
-/// Returns the words of `maquette help` that explain a command under its former name: `edit set`.
+/// Returns the arguments of `maquette help` that explain a command with this former name, such as `edit set`.
 pub(crate) fn help_words(name: &str) -> Option<String> {
     let [first, second] = find_new_name(name)?.words;
     Some(if second.starts_with('-') { first.to_owned() } else { format!("{first} {second}") })
@@ -88,7 +88,7 @@ pub(crate) fn help_words(name: &str) -> Option<String> {
 mod tests {
     use super::*;
 
-    /// Checks the new command line for a former one. Both are given without the name of the program.
+    /// Checks the new command line for a command line with a former name. Both are given without the name of the program.
     fn check(former: &str, expected: &str) {
         let arguments: Vec<String> = former.split(' ').map(str::to_owned).collect();
         let (name, rest) = arguments.split_first().unwrap();

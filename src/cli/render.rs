@@ -1,4 +1,4 @@
-//! `maquette render`: renders a value of a graph or a file, contact sheets, or a gallery.
+//! `maquette render`: renders a picture of a value of a graph or file, contact sheets, or a gallery.
 
 mod gallery;
 mod sheet;
@@ -73,7 +73,7 @@ struct PictureOptions {
     evaluation: EvaluationOptions,
 }
 
-/// The maximum width and height in pixels; larger values are probably typing errors.
+/// The maximum width and height in pixels. Larger numbers are probably typing errors.
 const MAX_SIZE: usize = 1 << 14;
 
 pub(super) fn parse_size(text: &str) -> Result<[usize; 2], String> {
@@ -88,7 +88,7 @@ pub(super) fn parse_size(text: &str) -> Result<[usize; 2], String> {
     }
 }
 
-/// Parses the target of the camera: a point in space, or the name of a value.
+/// Parses the target of the camera: a point in space, or the name of a value of the graph.
 fn parse_space_target(text: &str) -> Result<CameraTarget, String> {
     match parse_camera_target(text)? {
         CameraTarget::Pixel(_) => Err("expected X,Y,Z for a point, NODE or NODE.OUTPUT".into()),
@@ -108,7 +108,7 @@ impl Render {
 
 impl PictureOptions {
     fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        // clap requires both if no subcommand is given.
+        // clap requires both arguments unless a subcommand is given, so this error should not occur.
         let (Some(file), Some(output)) = (&self.file, &self.output) else {
             return Exit::Usage("expected FILE, `sheet` or `gallery`".into());
         };
@@ -135,7 +135,7 @@ impl PictureOptions {
         }
     }
 
-    /// Returns the picture that the options describe.
+    /// Returns a request for the picture that the options describe.
     fn request(&self) -> PictureRequest<'_> {
         let mut view = self.camera.unwrap_or_else(View::front);
         if self.orthographic {

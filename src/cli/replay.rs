@@ -1,4 +1,4 @@
-//! `maquette replay`: computes an output again from the provenance in its file, and compares the result.
+//! `maquette replay`: computes an output again from the provenance in its file, and compares the new file with the old one.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -37,7 +37,7 @@ impl ProvenanceOptions {
         !self.no_provenance
     }
 
-    /// Returns the arguments that give another process the same option.
+    /// Returns the arguments that give another process the same options.
     pub(super) fn arguments(&self) -> Vec<String> {
         self.no_provenance.then(|| "--no-provenance".to_owned()).into_iter().collect()
     }
@@ -69,10 +69,10 @@ pub(crate) struct Replay {
     json: bool,
 }
 
-/// An output file and the provenance that it contains.
+/// An output file with the provenance that was found in it.
 struct SignedFile {
     found: EmbeddedProvenance,
-    /// The part of the provenance that people can read: graph, parameters and input files.
+    /// The readable part of the provenance: graph, parameters and input files.
     provenance: Provenance,
     bytes: Vec<u8>,
 }
@@ -106,7 +106,7 @@ impl Replay {
         Ok(SignedFile { found, provenance, bytes })
     }
 
-    /// Returns the path of the graph that computed the file.
+    /// Returns the path of the graph that wrote the file.
     fn graph(&self, signed: &Provenance, session: &Session) -> Result<PathBuf, String> {
         if let Some(graph) = &self.graph {
             return Ok(graph.clone());
@@ -184,8 +184,7 @@ impl Replay {
             }
         };
         report(&run.diagnostics());
-        // The graph of the run is used, because it contains the elements of each `ForEach` over data. The loaded graph does not contain
-        // them.
+        // Use the graph of the run. Unlike the loaded graph, it contains the elements of each `ForEach` over data.
         let Some(output) = find_output(run.graph(), &output.name) else { return Exit::Failed };
         let now = run.provenance(output, catalog);
         let (before, changes) = match &signed.found {
@@ -199,7 +198,7 @@ impl Replay {
                 (signature, if is_same { Vec::new() } else { vec![change.to_owned()] })
             }
         };
-        // The new output is written with the provenance from the file. So a difference in bytes can only come from the value.
+        // Write the new output with the old provenance, so that a difference in bytes can only come from the value.
         let bytes = match run.signed_files(output, Some(&before)) {
             Some(Ok(files)) => files.into_iter().next().map(|file| file.bytes).unwrap_or_default(),
             Some(Err(why)) => {
@@ -232,10 +231,9 @@ impl Replay {
     }
 }
 
-/// Returns the graphs below a folder whose path in their own project is `name`. They are searched because `run` may have been started
-/// above the project.
+/// Returns the graphs below a folder whose path in their own project is `name`. The command `run` may have been started above the project.
 fn graphs_below(folder: &Path, name: &str) -> Vec<PathBuf> {
-    /// `MAX_DEPTH` is the maximum depth of projects below the folder, `MAX_FOLDERS` the maximum number of searched folders.
+    /// `MAX_DEPTH` is the maximum depth of a project below the folder. `MAX_FOLDERS` is the maximum number of folders that are searched.
     const MAX_DEPTH: usize = 5;
     const MAX_FOLDERS: usize = 10_000;
     let (mut found, mut count) = (Vec::new(), 0);
@@ -253,7 +251,7 @@ fn graphs_below(folder: &Path, name: &str) -> Vec<PathBuf> {
         }
         for entry in std::fs::read_dir(&folder).into_iter().flatten().flatten() {
             let name = entry.file_name();
-            // Symbolic links are skipped because they may form a cycle, build and package folders because they contain copies of graphs.
+            // Skip symbolic links, which may form a cycle, and folders of builds and packages, which may contain copies of graphs.
             let is_own = entry.file_type().is_ok_and(|kind| kind.is_dir())
                 && !name.to_string_lossy().starts_with('.')
                 && name != "target"
@@ -267,8 +265,8 @@ fn graphs_below(folder: &Path, name: &str) -> Vec<PathBuf> {
     found
 }
 
-/// Returns the recorded values of the parameters that the graph still declares, as arguments of `--set`. A value that equals the
-/// default is left out, because a path in a default is relative to the graph that declares the parameter.
+/// Returns the recorded values of those parameters that the graph still has, as arguments of `--set`. Values that equal the default are
+/// left out, because a path in a default is relative to the graph that declares the parameter.
 fn parameter_values(path: &Path, signed: &Provenance, catalog: &Catalog) -> Vec<(String, String)> {
     let options = Options { files: Files::Ignored, draft: signed.draft, ..Options::default() };
     let graph = Graph::load(path, catalog, &options).without_unknown_nodes().graph;

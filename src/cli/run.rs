@@ -138,7 +138,7 @@ impl Run {
         self.print(Some((&produced, session.exchange())), &produced.written, &diagnostics, start);
         if self.profile {
             let trace = produced.trace();
-            // With --json, stdout contains only the JSON document, so all other text goes to stderr.
+            // With --json, write all other text to stderr, because stdout contains only the JSON document.
             let tell: fn(&str) = if self.json { eprint } else { print };
             let read =
                 profile::ReadTimes { graph: reading_graph, files: produced.seconds_of_files() };
@@ -157,7 +157,7 @@ impl Run {
             }
         }
         cache_options::finish(&session);
-        // The process ends here; freeing the memory would only take time.
+        // Do not free the memory, which takes time: the process is about to end.
         std::mem::forget((session, produced, graph));
         let failed = has_errors(&diagnostics);
         if failed { Exit::Failed } else { Exit::Done }
@@ -244,7 +244,7 @@ impl Run {
     }
 }
 
-/// Formats the forecast: for each node, what a run would do with the node, and why.
+/// Formats the forecast of a run: what would happen to each node, and why.
 fn forecast(graph: &Graph, forecasts: &[Forecast]) -> String {
     let names: Vec<_> = forecasts.iter().map(|it| &graph.nodes()[it.index].name).collect();
     let longest = column_width(names.iter().map(|name| name.len()));
@@ -256,7 +256,7 @@ fn forecast(graph: &Graph, forecasts: &[Forecast]) -> String {
     text
 }
 
-/// Formats the number of nodes by state: `2 computed, 12 cached`.
+/// Formats the number of nodes by state, such as `2 computed, 12 cached`.
 pub(super) fn counts(trace: &RunTrace) -> String {
     let states = [State::Computed, State::Equal, State::Cached, State::Failed, State::Skipped];
     let counts = states.into_iter().filter_map(|state| match trace.count(state) {

@@ -1,7 +1,8 @@
-//! `maquette serve --stdio`: runs graphs for another program, with lines of JSON on stdin and stdout. `docs/serve.md` has every message.
+//! `maquette serve --stdio`: runs graphs for another program (the host), with lines of JSON on stdin and stdout. `docs/serve.md` describes
+//! all messages.
 //!
-//! One thread reads requests and answers quick ones; another thread evaluates graphs. Large columns of numbers are exchanged as files in a
-//! shared folder.
+//! One thread reads requests and answers those that take little time. Another thread evaluates graphs. Large columns of numbers are
+//! exchanged as files in a shared folder.
 
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader, Read};
@@ -37,13 +38,13 @@ mod materials;
 mod request;
 mod runner;
 
-/// The version of the protocol. New messages and fields do not change the version.
+/// The version of the protocol. It stays the same if messages or fields are only added.
 const PROTOCOL: u32 = 1;
 
-/// The maximum length of a line in bytes. No graph is nearly as long.
+/// The maximum length of a line in bytes, much longer than any graph.
 const MAX_LINE: u64 = 64 << 20;
 
-/// The time that a cancelled run gets to end before the program exits.
+/// The time that a cancelled run gets to stop before the program ends.
 const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 
 #[derive(Args)]
@@ -102,7 +103,7 @@ impl Serve {
         server.listen();
         lock(&server.runs).values().for_each(CancelToken::cancel);
         drop(server.jobs);
-        // The thread drops its end of the channel when it ends, so this waits for the thread.
+        // Wait for the thread: it closes its end of the channel when it ends.
         let _ = ended.recv_timeout(STOP_TIMEOUT);
         Exit::Done
     }
@@ -128,7 +129,7 @@ impl Server<'_> {
                 Ok(count) if count as u64 == MAX_LINE && !line.ends_with(b"\n") => {
                     let why = format!("expected a line of at most {MAX_LINE} bytes");
                     self.listener.answer(&Json::Null, Err(why.into()));
-                    // The line is too long. The rest of it is skipped.
+                    // The line is too long, so skip the rest of it.
                     if input.skip_until(b'\n').is_err() {
                         return;
                     }
@@ -156,7 +157,7 @@ impl Server<'_> {
                     token.cancel();
                     Ok(json!({ "found": true }))
                 }
-                // The run may have ended before the request arrived.
+                // The run is unknown. It may have ended before this request arrived.
                 None => Ok(json!({ "found": false })),
             },
             Ok(Request::Run(run)) => {
@@ -175,7 +176,7 @@ impl Server<'_> {
     }
 
     fn enqueue(&self, id: Json, job: Job) {
-        // Sending cannot fail: the thread runs until the sender is dropped.
+        // Sending cannot fail, because the thread runs until the sender is dropped.
         let _ = self.jobs.send((id, job));
     }
 
@@ -239,8 +240,8 @@ impl Server<'_> {
         edit_answer(file.apply(edits, self.catalog))
     }
 
-    /// Replaces the text of a graph file by `text`. Without `theirs`, fails unless the present text is `was`. `theirs` are changes by
-    /// others; if it is given, the present text may differ from `was`, and the changes are merged into `text`.
+    /// Replaces the text of a graph file by `text`. Without `theirs`, this fails unless the file contains the text `was`. `theirs` are
+    /// changes by other programs; if it is given, they are merged into `text`.
     fn put(
         &self,
         graph: &Path,
@@ -279,7 +280,7 @@ fn edit_answer(edited: Result<EditedText, EditError>) -> Result<Json, RequestErr
     }
 }
 
-/// Sends answers to the requests of the host.
+/// Sends answers to the host.
 trait Answer {
     /// Sends the answer to the request with this id.
     fn answer(&self, id: &Json, answer: Result<Json, RequestError>);

@@ -1,8 +1,8 @@
-//! Batches: runs the tasks of a sweep on this machine or on a farm, and stores a record of each task.
+//! Batches: runs the tasks of a sweep on this machine or on a render farm, and stores a record of each task.
 //!
 //! A session runs the tasks, computes shared parts once, and writes a record of each task ([`record`], [`run`]). The contact sheet is
-//! made only from records ([`sheet`]). On a farm, each task is one call of this program ([`emit`]). The call gets the hash of the list of
-//! tasks, which must match the sweep ([`task_list`]), and writes a log ([`log`]).
+//! generated only from records ([`sheet`]). On a farm, each task is one call of this program ([`emit`]). The call receives the hash of the
+//! list of tasks, which must match the sweep ([`task_list`]), and writes a log ([`log`]).
 
 mod emit;
 mod executor;

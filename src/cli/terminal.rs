@@ -1,4 +1,4 @@
-//! The alternate screen of the terminal, on which text can be redrawn, and keyboard input.
+//! Draws text on the alternate screen of the terminal, and reads keyboard input.
 
 use std::io::{IsTerminal, Write, stdin, stdout};
 
@@ -9,7 +9,7 @@ use crossterm::terminal::{
 };
 use crossterm::{cursor, queue};
 
-/// Input of the user.
+/// An input from the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Input {
     Key(char),
@@ -19,19 +19,19 @@ pub(super) enum Input {
     Stop,
 }
 
-/// The alternate screen of the terminal. Dropping it restores the normal screen.
+/// The alternate screen of the terminal, which can be redrawn. Dropping it restores the normal screen.
 pub(super) struct Screen {
     open: bool,
 }
 
 impl Screen {
-    /// Returns true if a terminal is available for drawing and for keyboard input.
+    /// Returns true if a terminal can be used for drawing and for keyboard input.
     pub(super) fn is_possible() -> bool {
         let dumb = std::env::var_os("TERM").is_some_and(|terminal| terminal == "dumb");
         stdin().is_terminal() && stdout().is_terminal() && !dumb && is_in_foreground()
     }
 
-    /// Switches to the alternate screen. A thread sends the user's input to `sink`.
+    /// Switches to the alternate screen. A background thread passes the user's input to `sink`.
     pub(super) fn is_open(sink: impl Fn(Input) + Send + 'static) -> std::io::Result<Self> {
         enable_raw_mode()?;
         let screen = Self { open: true };
@@ -47,16 +47,16 @@ impl Screen {
         Ok(screen)
     }
 
-    /// Returns the size of the terminal as (columns, rows), each at least 1.
+    /// Returns the size of the terminal as (columns, rows). Both are at least 1.
     pub(super) fn size(&self) -> (usize, usize) {
         let (columns, rows) = size().unwrap_or((80, 24));
         (usize::from(columns.max(1)), usize::from(rows.max(1)))
     }
 
-    /// Clears the screen and draws these rows. Each row must fit into the width of the screen, and all rows into its height.
+    /// Clears the screen and draws the given rows, which must fit into its width and height.
     pub(super) fn draw(&self, rows: &[String]) {
         let mut bytes = Vec::new();
-        // Writing to memory cannot fail. If the terminal is closed, keyboard input ends, which is noticed elsewhere.
+        // Ignore errors: writing to memory cannot fail. A closed terminal is noticed elsewhere, because keyboard input ends.
         let _ = queue!(bytes, BeginSynchronizedUpdate, cursor::MoveTo(0, 0));
         for (index, row) in rows.iter().enumerate() {
             bytes.extend_from_slice(if index > 0 { b"\r\n" } else { b"" });
@@ -101,19 +101,19 @@ fn to_input(event: &Event) -> Option<Input> {
     }
 }
 
-/// Returns true if the program is in the foreground. In the background (`&`) it must not use the terminal.
+/// Returns true if the program runs in the foreground. In the background (started with `&`) it must not use the terminal.
 #[cfg(target_os = "linux")]
 fn is_in_foreground() -> bool {
     rustix::termios::tcgetpgrp(stdin()).is_ok_and(|group| group == rustix::process::getpgrp())
 }
 
-/// Returns true. This system has no background processes that share the terminal.
+/// Returns true, because on this system no background process shares the terminal.
 #[cfg(not(target_os = "linux"))]
 fn is_in_foreground() -> bool {
     true
 }
 
-/// Wraps text into rows of at most `width` columns, between words where possible. Escape sequences for colors have no width; a color
+/// Wraps a text into rows of at most `width` columns, at spaces where possible. Escape sequences for colors have no width. A color
 /// continues in the next row.
 pub(super) fn wrap(text: &str, width: usize) -> Vec<String> {
     text.lines().flat_map(|line| wrap_line(line, width.max(1))).collect()
@@ -156,7 +156,7 @@ fn wrap_line(line: &str, width: usize) -> Vec<String> {
     rows
 }
 
-/// Ends the style of a row and begins the next one with it.
+/// Ends the color of a row, and begins the next row with it.
 fn new_row(rows: &mut Vec<String>, style: &str) {
     if !style.is_empty() {
         rows.last_mut().expect("there is a row").push_str("\x1b[0m");

@@ -1,4 +1,4 @@
-//! `maquette test`: golden tests of graphs.
+//! `maquette test`: compares the outputs of graphs with accepted outputs (goldens).
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -90,7 +90,7 @@ impl Test {
                 Err(_) => file,
             }));
         }
-        // A test file may be selected both through one of its graphs and by its own path or folder. Then it runs for all of its graphs.
+        // A test file may be selected both by one of its graphs and by its own path. Then it is run for all of its graphs.
         graphs.retain(|test, _| !files.contains(test));
         files.extend(graphs.keys().cloned());
         files.sort();
@@ -151,7 +151,7 @@ impl Test {
         write(&self.junit, &|| junit::document(report))
     }
 
-    /// Writes results as goldens: all results, or those that the user accepts. Fails if a result is wrong or was not accepted.
+    /// Stores results as goldens: all of them, or those that the user accepts. Fails if a result has errors or is not accepted.
     fn accept(&self, report: &Report) -> Result<Exit, String> {
         if std::env::var_os("CI").is_some_and(|ci| !ci.is_empty()) {
             return Err("cannot accept goldens where CI is set: a person must accept them".into());
@@ -209,7 +209,7 @@ impl Test {
                 all = false;
                 continue;
             }
-            // If the new value equals the old golden and only its encoding differs, the reason in the old golden is kept.
+            // Keep the reasons of the old golden if the value is the same and only the way in which it is stored has changed.
             let same = output.comparison.verdict == Verdict::Identical;
             let before = output.golden.as_ref().ok().filter(|_| same).map(Golden::reasons);
             let why = before.unwrap_or_else(|| why.clone());
@@ -238,7 +238,8 @@ impl Test {
         Ok(())
     }
 
-    /// Asks the user to accept a result; with `--bless` always returns true. At the end of stdin, rejects the result and quits.
+    /// Asks the user if a result is accepted. With `--bless`, returns true without asking. At the end of stdin, rejects the result and
+    /// quits.
     fn ask(
         &self,
         count: &mut Decisions,
@@ -273,7 +274,7 @@ impl Test {
     }
 }
 
-/// The size in bytes from which a golden is reported as large. Each change of a golden adds a copy of the file to the repository.
+/// The size in bytes from which a golden is reported as large. Each change of a golden adds another copy to the repository.
 const LARGE_GOLDEN: usize = 1 << 20;
 
 fn no_test_message(graph: &Path) -> String {
@@ -286,7 +287,7 @@ fn no_test_message(graph: &Path) -> String {
     )
 }
 
-/// The answers of the user to the questions of a review.
+/// The decisions of the user in a review.
 #[derive(Default)]
 struct Decisions {
     accepted: usize,
@@ -294,7 +295,7 @@ struct Decisions {
     quit: bool,
 }
 
-/// Returns the changed nodes that explain why results differ.
+/// Describes the changed nodes that may be the cause of different results.
 fn describe_cause(case: &Case) -> Vec<String> {
     let is_new = case.outputs.iter().all(|output| output.golden.is_err());
     match case.changed_nodes() {
@@ -306,7 +307,7 @@ fn describe_cause(case: &Case) -> Vec<String> {
     }
 }
 
-/// Returns the main reasons for the verdict on an output, with the largest difference first.
+/// Returns the main reasons for the verdict on an output. The largest difference comes first.
 fn main_reasons(output: &OutputComparison) -> Vec<String> {
     let comparison = &output.comparison;
     let mut reasons = comparison.reasons.clone();
@@ -332,7 +333,7 @@ fn main_reasons(output: &OutputComparison) -> Vec<String> {
     reasons
 }
 
-/// Formats the verdict and the largest difference.
+/// Formats the verdict of a comparison and its largest difference.
 fn describe_comparison(comparison: &Comparison) -> String {
     let verdict = comparison.verdict.word();
     let worst = comparison.worst().map_or(String::new(), |worst| format!(": {}", worst.in_words()));
@@ -351,14 +352,14 @@ fn describe_coverage(comparison: &Comparison) -> String {
     )
 }
 
-/// The maximum number of printed reasons of an output; the HTML report has all.
+/// The maximum number of reasons that are printed for an output. The HTML report contains all of them.
 const MAX_REASONS: usize = 6;
 
 fn first_reason(output: &OutputComparison) -> String {
     main_reasons(output).swap_remove(0)
 }
 
-/// Returns the first file with uncommitted changes at or below a path. Returns `None` if there is none or git is not installed.
+/// Returns the first file at or below a path that has uncommitted changes. Returns `None` if there is none, or if git is not installed.
 fn find_uncommitted_change(path: &Path) -> Option<String> {
     let folder = path.ancestors().find(|folder| folder.is_dir() && !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
@@ -372,7 +373,7 @@ fn find_uncommitted_change(path: &Path) -> Option<String> {
     text.lines().next().map(|line| line.get(3..).unwrap_or(line).to_owned())
 }
 
-/// Returns the message for tests that could not run.
+/// Returns the message about tests that could not run, or `None` if all could.
 fn broken_message(report: &Report) -> Option<String> {
     let broken = report.count(|case| case.state == State::Broken) + report.broken_files();
     (broken > 0).then(|| format!("{} could not run", format_count(broken, "test")))
@@ -386,12 +387,12 @@ fn exit_code(report: &Report) -> Exit {
     }
 }
 
-/// Diagnostics that were reported already. The cases of a graph share its diagnostics.
+/// The diagnostics that have already been reported. The cases of one graph often have the same ones.
 #[derive(Default)]
 struct ReportedDiagnostics(Vec<Diagnostic>);
 
 impl ReportedDiagnostics {
-    /// Reports the diagnostics of a case that are new, and the number of those that were already reported.
+    /// Reports those diagnostics of a case that are new, and the number of the others.
     fn report(&mut self, case: &Case) {
         let diagnostics =
             case.diagnostics.iter().chain(case.violations.iter().map(|v| &v.diagnostic));
@@ -411,7 +412,7 @@ impl ReportedDiagnostics {
     }
 }
 
-/// Formats numbers of errors and warnings: `1 error, 2 warnings`.
+/// Formats the numbers of errors and warnings, such as `1 error, 2 warnings`.
 fn format_severities(diagnostics: &[&Diagnostic]) -> String {
     let counts =
         [(Severity::Error, "error"), (Severity::Warning, "warning")].map(|(severity, word)| {
@@ -421,7 +422,7 @@ fn format_severities(diagnostics: &[&Diagnostic]) -> String {
     counts.map(|(count, word)| format_count(*count, word)).collect::<Vec<_>>().join(", ")
 }
 
-/// Formats the worst verdict of all outputs of a case.
+/// Formats the worst verdict among all outputs of a case.
 fn worst_verdict(case: &Case) -> String {
     let worst = case.outputs.iter().map(|output| &output.comparison);
     worst

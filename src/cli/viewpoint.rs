@@ -1,4 +1,4 @@
-//! The camera target and the background of the pictures that `inspect` and `render` make.
+//! The target of the camera and the background, for pictures that `inspect` and `render` draw.
 
 use std::collections::HashSet;
 
@@ -13,19 +13,19 @@ use nalgebra::Point3;
 
 use super::{Exit, report};
 
-/// The argument of `--at`: the target of the camera.
+/// The value of the option `--at`: what the camera aims at.
 #[derive(Clone, Debug)]
 pub(super) enum CameraTarget {
     /// A pixel, given as [column, row].
     Pixel([usize; 2]),
-    /// A point in space, in mm, in the axes of the value.
+    /// A point in space, in mm, in the coordinate axes of the shown value.
     Point(Point3<f64>),
-    /// The value of the graph with this name.
+    /// The value with this name in the graph.
     Value(String),
 }
 
 impl CameraTarget {
-    /// Returns the name if the target is a value, otherwise `None`.
+    /// Returns the name of the value if the target is a value, otherwise `None`.
     fn name(&self) -> Option<&str> {
         match self {
             Self::Value(name) => Some(name),
@@ -34,7 +34,7 @@ impl CameraTarget {
     }
 }
 
-/// Parses `--at`: two numbers are a pixel, three a point, anything else is a name.
+/// Parses the option `--at`. Two numbers are a pixel, three numbers are a point, and anything else is the name of a value.
 pub(super) fn parse_camera_target(text: &str) -> Result<CameraTarget, String> {
     const EXPECTED: &str =
         "expected COLUMN,ROW for a pixel, X,Y,Z for a point, NODE or NODE.OUTPUT";
@@ -69,17 +69,17 @@ pub(super) struct OverOptions {
     over: Option<String>,
 }
 
-/// A description of a picture of one value: the camera, the background and the marks.
+/// A request for a picture of a value: the camera, the background and the marked elements.
 pub(super) struct PictureRequest<'a> {
     pub(super) view: View,
     pub(super) kind: Representation,
     pub(super) target: Option<&'a CameraTarget>,
     pub(super) over: &'a OverOptions,
-    /// Unmet requirements, whose violating elements are marked in the picture.
+    /// The required properties that the value does not have. Elements that violate them are marked in the picture.
     pub(super) broken: &'a [UnmetRequirement],
 }
 
-/// The graph that computes a value, and the node that computes the value.
+/// The graph and the node that compute a value, and the session for evaluating further values.
 pub(super) struct ValueSource<'a> {
     pub(super) graph: &'a Graph,
     pub(super) node: usize,
@@ -87,10 +87,10 @@ pub(super) struct ValueSource<'a> {
 }
 
 impl PictureRequest<'_> {
-    /// Checks that all named values exist in the graph. Without a graph, values must not be named.
+    /// Checks that the values that the options name exist in the graph. Without a graph, no values may be named.
     ///
     /// # Errors
-    /// A message that suggests a similar name.
+    /// A message that suggests similar names.
     pub(super) fn check(&self, graph: Option<&Graph>) -> Result<(), String> {
         let find = |name: &str| match graph {
             Some(graph) => find_target(graph, name).map(|at| (graph, at)),
@@ -105,20 +105,20 @@ impl PictureRequest<'_> {
         }
     }
 
-    /// Returns the names of the values that the picture uses.
+    /// Returns the names of the graph's values that the options use.
     pub(super) fn names(&self) -> impl Iterator<Item = &str> {
         self.target.and_then(CameraTarget::name).into_iter().chain(self.over.over.as_deref())
     }
 
-    /// Returns true if a camera target or a background picture is given.
+    /// Returns true if the options set a camera target or a background picture.
     pub(super) fn has_target(&self) -> bool {
         self.target.is_some() || self.over.over.is_some()
     }
 
-    /// Renders the picture.
+    /// Renders the picture of a value.
     ///
     /// # Errors
-    /// The value is not visible, or a named value fails.
+    /// If the value is not visible, or if a value that the options name cannot be computed.
     pub(super) fn picture(
         &self,
         value: &AnyValue,
@@ -164,7 +164,7 @@ impl PictureRequest<'_> {
 }
 
 impl ValueSource<'_> {
-    /// Returns a camera target that shows the whole of the named value.
+    /// Returns a camera target in which the value with this name just fits into the picture.
     fn aim(&mut self, name: &str) -> Result<Aim, Exit> {
         let target = find_target(self.graph, name).map_err(Exit::Usage)?;
         let value = self.values(&[target]).map_err(report_failure)?.pop().ok_or(Exit::Failed)?;
@@ -175,8 +175,8 @@ impl ValueSource<'_> {
         })
     }
 
-    /// Returns the background of a flat picture: the picture that `--over` names; otherwise, if the value is drawn in made-up colors,
-    /// the nearest picture from which the value was computed.
+    /// Returns the background of a flat picture. This is the picture that `--over` names. Without that option, a value in false colors is
+    /// drawn on the nearest picture from which it was computed.
     fn find_backdrop(
         mut self,
         picture: &Picture,
@@ -187,10 +187,10 @@ impl ValueSource<'_> {
         self.backdrop_of(picture, chosen).map_err(report_failure)
     }
 
-    /// Returns the background from the output `over`, or from the nearest picture.
+    /// Returns the background: the output that `over` names, or else the nearest picture from which the value was computed.
     ///
     /// # Errors
-    /// The diagnostics if the inputs of the value cannot be computed.
+    /// The diagnostics, if the background or the values on which it depends cannot be computed.
     pub(super) fn backdrop_of(
         &mut self,
         picture: &Picture,
@@ -223,7 +223,7 @@ impl ValueSource<'_> {
         Ok(None)
     }
 
-    /// Returns the values of some node outputs. They are usually cached, because the shown value was computed from them.
+    /// Returns the values of some outputs of nodes. They are usually cached, because the shown value was computed from them.
     fn values(&mut self, targets: &[(usize, usize)]) -> Result<Vec<AnyValue>, Vec<Diagnostic>> {
         let wanted = Targets::Nodes(
             targets.iter().map(|&(node, _)| self.graph.nodes()[node].name.clone()).collect(),
@@ -246,7 +246,7 @@ fn report_failure(diagnostics: Vec<Diagnostic>) -> Exit {
     Exit::Failed
 }
 
-/// Returns the node index and the output index of the value with this name.
+/// Returns the node and the output, by index, of the value with this name.
 pub(super) fn find_target(graph: &Graph, name: &str) -> Result<(usize, usize), String> {
     graph.find_value(name).ok_or_else(|| {
         let node =
@@ -261,14 +261,14 @@ pub(super) fn find_target(graph: &Graph, name: &str) -> Result<(usize, usize), S
     })
 }
 
-/// Returns the positions of all points in a value.
+/// Returns the positions of all points that a value contains.
 fn positions_of(value: &AnyValue) -> Vec<Point3<f64>> {
     let parts = value.parts();
     let columns = parts.columns.iter().filter(|part| part.meaning == Meaning::Position);
     columns.filter_map(|part| part.to_points().ok()).flatten().collect()
 }
 
-/// Returns all node outputs on which a node depends, the nearest first, as (node, output).
+/// Returns all outputs of nodes on which a node depends, as (node, output). The nearest come first.
 fn linked_outputs(graph: &Graph, node: usize) -> Vec<(usize, usize)> {
     let (mut found, mut next) = (Vec::new(), 0);
     let mut visited = HashSet::from([node]);
@@ -283,7 +283,7 @@ fn linked_outputs(graph: &Graph, node: usize) -> Vec<(usize, usize)> {
     found
 }
 
-/// Returns the node outputs in `linked` that are pictures, followed by other pictures of the same nodes.
+/// Returns those outputs in `linked` that are pictures, followed by other pictures of the same nodes.
 fn image_outputs(graph: &Graph, linked: &[(usize, usize)]) -> Vec<(usize, usize)> {
     let beside = linked.iter().flat_map(|&(node, _)| {
         (0..graph.nodes()[node].outputs.len()).map(move |output| (node, output))

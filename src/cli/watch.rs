@@ -1,7 +1,7 @@
-//! `maquette watch`: evaluates a graph again whenever a file that it depends on changes.
+//! `maquette watch`: evaluates a graph again whenever one of the files changes on which it depends.
 //!
-//! The watch continues after errors, and outputs that cannot be computed stay as they are. It ends with `q`, Ctrl-C or a signal, with exit
-//! code 0, or when its standard output is closed.
+//! The watch continues after errors; outputs that cannot be computed stay as they are. It ends with exit code 0 at `q`, Ctrl-C or a
+//! termination signal, or when its standard output is closed.
 
 use std::iter;
 use std::path::{Path, PathBuf};
@@ -95,9 +95,9 @@ enum Message {
     Page(PageRequest),
     /// The reason why a request from the live page failed.
     Refused(String),
-    /// The reason why the page was not opened in a browser.
+    /// The reason why the live page could not be opened in a browser.
     NotOpened(String),
-    /// An event of the evaluating thread.
+    /// An event of the thread that evaluates.
     Evaluation(WorkerEvent),
     /// The user's command has ended.
     CommandEnded(CommandResult),
@@ -133,7 +133,7 @@ impl Watch {
         if let Some(link) = link.as_ref().filter(|_| !quiet) {
             self.print_link(link);
         }
-        // The file that redirects to the page exists until the watch ends.
+        // Keep the file that redirects the browser to the page until the watch ends.
         let _redirect = page.as_ref().filter(|_| self.open).map(|page| open_browser(page, &sender));
         let view: Box<dyn View> = match terminal {
             Some(terminal) => Box::new(terminal),
@@ -196,8 +196,8 @@ impl Watch {
         Exit::Done
     }
 
-    /// Returns all files that the result depends on: the graph, used graphs, the input files of nodes (`files`), and the markers that
-    /// determine the root of the project. `here` is the folder in which the watch was started; it may have been deleted.
+    /// Returns all files on which the result depends: the graph, the graphs that it uses, the files that nodes read (`files`), and the
+    /// marker files that determine the root of the project. `here` is the folder in which the watch was started; it may have been deleted.
     fn watch_list(
         &self,
         here: &Path,
@@ -244,8 +244,8 @@ impl Watch {
             let named = companion_paths(&file.path, &roots, readers).into_iter();
             requests.extend(named.map(|path| watch::WatchRequest { path, reason: why.clone() }));
         }
-        // The root of the project changes if a marker file is created nearer to the graph or deleted. If no marker exists, the root
-        // matters only if the graph reads files outside of its own folder.
+        // The root of the project changes if a marker file is created nearer to the graph, or if the present one is deleted. Without a
+        // marker file, the root matters only if the graph reads files outside of its own folder.
         if outside || root.join(MARKER).is_file() {
             let above = folder.ancestors().take_while(|above| outside || above.starts_with(&root));
             requests.extend(above.map(|above| watch::WatchRequest {
@@ -257,8 +257,7 @@ impl Watch {
     }
 }
 
-/// Opens the page in a browser. The browser opens a file that redirects to the page, because the secret link must not appear in process
-/// lists.
+/// Opens the page in a browser, through a file that redirects to it. The secret link itself must not appear in lists of processes.
 fn open_browser(page: &Page, sender: &Sender<Message>) -> Option<Redirect> {
     let (sender, link) = (sender.clone(), page.link());
     let failed = move |why: &str| {
@@ -277,7 +276,7 @@ fn open_browser(page: &Page, sender: &Sender<Message>) -> Option<Redirect> {
     }
 }
 
-/// Returns true if diagnostics report that the graph reads files outside of the present root of its project.
+/// Returns true if one of the diagnostics is that the graph reads a file outside of its project.
 fn reads_outside(diagnostics: &[Diagnostic]) -> bool {
     diagnostics.iter().any(|diagnostic| diagnostic.code == code::OUTSIDE)
 }

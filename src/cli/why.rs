@@ -1,4 +1,4 @@
-//! `maquette why`: explains why a node would run, or why not.
+//! `maquette why`: explains why a node would run, or why it would not.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Measures visible defects of meshes: tears, kinks and needles.
+//! Measures visible defects of meshes: holes near a region, sharp bends, jumps of the curvature, and vertex attributes out of their range.
 
 use std::collections::BTreeMap;
 
@@ -14,10 +14,10 @@ pub(super) type Defect = Option<(String, Vec<Point3<f64>>)>;
 /// do not determine all coefficients.
 const MIN_EIGENVALUE_RATIO: f64 = 1e-6;
 
-/// The maximum number of positions that are reported.
+/// The maximum number of positions of a defect that are reported.
 const MAX_POSITIONS: usize = 1000;
 
-/// Checks that `mesh` covers the region: in the picture, no border edge is within `band` pixels of the region.
+/// Checks that `mesh` covers the selected region of the picture: no border edge is within `band` pixels of a selected pixel.
 pub(super) fn check_whole(mesh: &Mesh, region: &Region, band: f64) -> Defect {
     let (Some(uv), Some(frame)) = (mesh.vertex().pairs("uv"), mesh.frame()) else {
         return Some(("has no texture coordinates of a capture".to_owned(), Vec::new()));
@@ -67,10 +67,10 @@ fn format_position(point: Point3<f64>) -> String {
     format!("({}, {}, {})", six_digits(point.x), six_digits(point.y), six_digits(point.z))
 }
 
-/// Returns the bend at each edge whose two faces `wanted` accepts.
+/// Returns the bends at all edges that have two faces and for which `wanted` returns true. `wanted` receives the indices of the two faces.
 fn edge_bends(mesh: &Mesh, wanted: impl Fn(usize, usize) -> bool) -> Vec<Bend> {
     let edges = mesh.edges();
-    // For each edge, the last visited face that has the edge.
+    // For each edge, the last visited face that contains the edge.
     let mut first = vec![usize::MAX; edges.vertices.len()];
     let mut found = Vec::new();
     for face in 0..mesh.faces().len() {
@@ -92,7 +92,7 @@ struct Bend {
     at: Point3<f64>,
 }
 
-/// Returns the bend at an edge. Returns `None` if one of the faces has no area and so no normal.
+/// Returns the bend at an edge, or `None` if one of the two faces has no area and therefore no normal.
 fn bend_at(mesh: &Mesh, edge: [u32; 2], faces: [usize; 2]) -> Option<Bend> {
     let [m, n] = faces.map(|face| mesh.area_vector(mesh.faces().face(face)));
     if m.norm() == 0.0 || n.norm() == 0.0 {
@@ -117,7 +117,7 @@ fn bends_above(found: Vec<Bend>, max: f64, what: &str) -> Defect {
     Some((why, sharp.iter().take(MAX_POSITIONS).map(|bend| bend.at).collect()))
 }
 
-/// Checks that at each edge of two faces the bend is at most `max` degrees.
+/// Checks that the two faces at each edge are bent by at most `max` degrees.
 pub(super) fn check_bend(mesh: &Mesh, max: f64) -> Defect {
     bends_above(edge_bends(mesh, |_, _| true), max, "")
 }
@@ -130,7 +130,8 @@ fn cell([u, v]: [f64; 2], grid: [usize; 2]) -> [f64; 2] {
     [u * grid[0] as f64 - 0.5, (1.0 - v) * grid[1] as f64 - 0.5]
 }
 
-/// Marks the new faces: those in the region, or without a region, those whose vertices have the attribute `filled`.
+/// Returns a flag for each face, which is true if the face is new: if one of its vertices is in `region`. If no region is given, the new
+/// vertices are those with the attribute `filled`.
 fn new_faces(mesh: &Mesh, region: Option<&Region>) -> Result<Vec<bool>, &'static str> {
     let is_new: Vec<bool> = match (region, mesh.vertex().get("filled"), mesh.vertex().pairs("uv")) {
         (None, Some(Attribute::Flag(filled)), _) => filled.iter().map(|&flag| flag == 1).collect(),
@@ -154,8 +155,8 @@ fn new_faces(mesh: &Mesh, region: Option<&Region>) -> Result<Vec<bool>, &'static
     Ok(mesh.faces().iter().map(|face| face.iter().any(|&vertex| is_new[vertex as usize])).collect())
 }
 
-/// Checks that new faces continue the other faces smoothly: the bend is at most `max` degrees and, if `curvature` is given, the jump of the
-/// curvature is at most `curvature`, in 1/mm.
+/// Checks that the new faces (which fill a hole) continue the old faces smoothly. The bend at each edge between a new and an old face must
+/// be at most `max` degrees. If `curvature` is given, the jump of the curvature there must be at most `curvature`, in 1/mm.
 pub(super) fn check_continuity(
     mesh: &Mesh,
     region: Option<&Region>,
@@ -183,10 +184,11 @@ pub(super) fn check_continuity(
     })
 }
 
-/// Returns the root mean square of the jump of the curvature, in 1/mm, across the rim (the border between the new faces and the others).
-///
-/// On each side of each vertex of the rim, a quadratic height function over the tangent plane is fitted to the vertices within two rings of
+/// Returns the root mean square of the jump of the curvature, in 1/mm, across the rim. The rim is the border between the new and the old
 /// faces.
+///
+/// At each vertex of the rim, a quadratic height function over the tangent plane is fitted to the vertices on each side of the rim. It uses
+/// the vertices of two rings of faces around the vertex.
 fn curvature_jump(mesh: &Mesh, new: &[bool]) -> f64 {
     let mut rim: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     let edges = mesh.edges();
@@ -224,7 +226,7 @@ fn curvature_jump(mesh: &Mesh, new: &[bool]) -> f64 {
     (gaps.iter().map(|gap| gap * gap).sum::<f64>() / gaps.len().max(1) as f64).sqrt()
 }
 
-/// The faces on one side of the rim: either the new faces, or the other faces.
+/// The faces on one side of the rim (the border between new and old faces): either the new faces or the old ones.
 struct SideOfRim<'a> {
     mesh: &'a Mesh,
     around: &'a BTreeMap<u32, Vec<usize>>,
@@ -233,13 +235,13 @@ struct SideOfRim<'a> {
 }
 
 impl SideOfRim<'_> {
-    /// Returns the corners of those faces at a vertex that are on this side of the rim.
+    /// Returns the corners of all faces at `vertex` that are on this side of the rim. A vertex can occur more than once.
     fn corners(&self, vertex: u32) -> impl Iterator<Item = u32> {
         let faces = self.around[&vertex].iter().filter(move |&&face| self.new[face] == self.side);
         faces.flat_map(move |&face| self.mesh.faces().face(face)).copied()
     }
 
-    /// Returns the vertices of two rings of faces around a vertex, sorted.
+    /// Returns the vertices of the two rings of faces around `vertex` that are on this side of the rim, in ascending order.
     fn two_rings(&self, vertex: u32) -> Vec<u32> {
         let mut near: Vec<u32> =
             self.corners(vertex).flat_map(|other| self.corners(other)).collect();
@@ -249,7 +251,7 @@ impl SideOfRim<'_> {
     }
 }
 
-/// Returns the faces at each vertex of the rim, and the faces at each other corner of these faces. The faces of a vertex are in order.
+/// Returns the indices of the faces at each vertex, ascending. Covers the vertices of the rim and all vertices that share a face with one.
 fn faces_around(mesh: &Mesh, rim: &BTreeMap<u32, Vec<u32>>) -> BTreeMap<u32, Vec<usize>> {
     let [mut is_rim, mut is_near] = [(); 2].map(|()| vec![false; mesh.positions().len()]);
     rim.keys().for_each(|&vertex| is_rim[vertex as usize] = true);
@@ -265,8 +267,8 @@ fn faces_around(mesh: &Mesh, rim: &BTreeMap<u32, Vec<u32>>) -> BTreeMap<u32, Vec
     around
 }
 
-/// Fits a quadratic height function over the first two axes, and returns its curvature along the first axis. Returns `None` if the points
-/// do not determine the function.
+/// Fits a quadratic height function z(x, y) to points, and returns its curvature along the x axis. Returns `None` if the points do not
+/// determine the function.
 fn curvature_across(places: &[[f64; 3]]) -> Option<f64> {
     let reach_sq = places.iter().map(|[x, y, _]| x * x + y * y).sum::<f64>() / places.len() as f64;
     let reach = reach_sq.sqrt();
@@ -286,7 +288,7 @@ fn curvature_across(places: &[[f64; 3]]) -> Option<f64> {
     Some(found[2] / (reach * slope * slope.sqrt()))
 }
 
-/// Checks that a vertex attribute is within its range everywhere.
+/// Checks that the vertex attribute `name` is between `min` and `max` at every vertex.
 pub(super) fn check_attribute(
     mesh: &Mesh,
     name: &str,
@@ -332,8 +334,8 @@ mod tests {
 
     use super::*;
 
-    /// Creates a sheet of 6 x 6 quads without the faces in `missing`, as a scan of 6 x 6 cells in a picture of 12 x 12 pixels. From column
-    /// 3 on, each column is raised by `rise` more than the one before.
+    /// Creates a sheet of 6 x 6 quads without the faces in `missing`. It looks like a scan of 6 x 6 cells in a picture of 12 x 12 pixels.
+    /// The first columns are flat. From column 3 on, the step up to the next column grows by `rise`.
     fn sheet(missing: &[usize], rise: f64) -> Mesh {
         let points = (0..49).map(|at| {
             let [x, y] = [(at % 7) as f64, (at / 7) as f64];
@@ -411,7 +413,7 @@ mod tests {
 
     #[test]
     fn a_plane_next_to_a_cylinder_has_a_jump_of_curvature() {
-        // Creates a sheet that is flat for x below 2 and then continues as a cylinder. The vertices after column `from` are new.
+        // Creates a sheet that is flat for x below 2 and continues as a half cylinder. The vertices after column `from` are marked as new.
         fn half_cylinder(radius: f64, from: usize) -> Mesh {
             let flat = sheet(&[], 0.0);
             let points = flat.positions().iter().map(|point| {
@@ -426,7 +428,7 @@ mod tests {
         fn gap(mesh: &Mesh) -> f64 {
             curvature_jump(mesh, &new_faces(mesh, None).unwrap())
         }
-        // The new faces begin at the joint of the flat part and the cylinder, or next to it.
+        // The new faces begin where the flat part meets the cylinder, or one column beside it.
         assert!(
             (gap(&half_cylinder(20.0, 2)) - 0.05).abs() < 0.003,
             "{}",

@@ -1,10 +1,10 @@
-//! The format of numbers in goldens and messages.
+//! Formats numbers for test references (goldens) and messages.
 
 /// Formats a number with six significant digits.
 pub fn six_digits(x: f64) -> String {
     let text = format!("{x:.5e}");
     let exponent: i32 = text.split_once('e').and_then(|(_, e)| e.parse().ok()).unwrap_or(0);
-    // Numbers that are not finite, or that are too large or too small for plain decimal notation.
+    // Use scientific notation for numbers that are too large or too small for plain decimals. Infinity and NaN keep Rust's format.
     if !x.is_finite() || !(-5..=9).contains(&exponent) {
         return if x == 0.0 { "0".into() } else { text.replace("e0", "") };
     }

@@ -1,8 +1,8 @@
-//! Evaluates graphs on demand and in parallel. Each key is computed once.
+//! Evaluates graphs on demand and in parallel. Each result is computed once.
 //!
-//! `plan` finds the nodes whose inputs have not changed; these nodes need no work. The other nodes are visited in order. The key of a
-//! node's result (`key`) is known before the node runs, so a result in the cache is never computed again. Independent nodes run in
-//! parallel. If a node fails, the nodes that depend on it fail, too, but no others.
+//! `plan` finds the nodes whose inputs have not changed; these nodes need no work. The other nodes are visited after their dependencies. A
+//! result is cached under its key, a hash of everything from which it is computed (`key`). The key is known before the node runs, so a
+//! cached result is not computed again. Independent nodes run in parallel. If a node fails, only the nodes that depend on it fail, too.
 
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -51,12 +51,12 @@ pub use why::{Forecast, explanation};
 
 /// Receives the progress of an evaluation. All methods may be called from any thread.
 pub trait Observer: Sync {
-    /// Called once when an evaluation begins; `count` is the number of nodes that it covers.
+    /// Called once when an evaluation begins. `count` is the number of nodes that the evaluation needs.
     fn on_plan(&self, count: usize) {
         let _ = count;
     }
 
-    /// Called once with the number of nodes whose results are known because none of their dependencies has changed.
+    /// Called once with the number of nodes that need no work, because neither they nor their dependencies have changed.
     fn on_unchanged(&self, count: usize) {
         let _ = count;
     }
@@ -66,7 +66,7 @@ pub trait Observer: Sync {
         let _ = node;
     }
 
-    /// Called with the fraction (0 to 1) of a node's work that is done.
+    /// Called while a node runs. `fraction` is the fraction of its work that is done, from 0 to 1.
     fn on_progress(&self, node: &str, fraction: f64) {
         let _ = (node, fraction);
     }
@@ -77,7 +77,7 @@ pub trait Observer: Sync {
         let _ = (node, kind, pack);
     }
 
-    /// Called when a node is finished, after `seconds` of work.
+    /// Called when a node is finished. `seconds` is the time for which it ran.
     fn on_finish(&self, node: &str, state: State, seconds: f64) {
         let _ = (node, state, seconds);
     }
@@ -89,29 +89,30 @@ impl Observer for () {}
 pub struct Evaluator {
     pool: Arc<rayon::ThreadPool>,
     cache: Cache,
-    /// The maximum number of bytes for results and running nodes together. If it is `None`, the limit is a fraction of the free memory of
-    /// the machine.
+    /// The maximum number of bytes for results and running nodes together. If it is `None`, a fraction of the machine's free memory is
+    /// used.
     max_bytes: Option<u64>,
     disk: Option<Arc<Disk>>,
     /// True if new results are written to disk.
     writes_to_disk: bool,
-    /// True if the last evaluation found results that have not been written to disk yet.
+    /// True if the last evaluation changed results that have not been written to disk yet.
     has_unsaved: bool,
     files: KnownFiles,
     guards: Guards,
-    /// The results of the last evaluation, in this process or an earlier one. `None` if there are none.
+    /// The results of the last evaluation, in this process or an earlier one. `None` before the first evaluation.
     last: Option<Arc<Snapshot>>,
-    /// Events of preflight evaluations (see `preflight`), which the next evaluation reports as its own.
+    /// Events of nodes that ran in a preflight evaluation (see `preflight`). The next evaluation reports them as its own.
     preflight_events: preflight::PreflightEvents,
     /// True if the next evaluation ignores the results on disk.
     ignores_disk: bool,
-    /// The fraction of cached results that is computed again and compared with the cache.
+    /// The fraction (0 to 1) of cached results that is computed again and compared with the cache.
     verified_fraction: f64,
-    /// If results are verified, the keys of the results computed since the last evaluation ended. None of these is computed again.
+    /// The keys of the results that were computed since the last evaluation ended, if cached results are verified. These are not verified
+    /// again.
     verified: Mutex<HashSet<Hash>>,
 }
 
-/// The maximum number of threads. It exceeds the number of processors of any machine; thousands of threads would only slow each other down.
+/// The maximum number of threads, far more than useful on any machine. Thousands of threads would only slow each other down.
 pub(crate) const MAX_THREADS: usize = 1024;
 
 /// The error that threads could not be started.
@@ -120,7 +121,7 @@ pub(crate) const MAX_THREADS: usize = 1024;
 pub struct ThreadsError(String);
 
 impl ThreadsError {
-    /// Checks that the number of threads is at most `MAX_THREADS`.
+    /// Checks that the number of threads is at most [`MAX_THREADS`].
     pub fn check(threads: usize) -> Result<(), Self> {
         match threads {
             0..=MAX_THREADS => Ok(()),
@@ -131,10 +132,10 @@ impl ThreadsError {
     }
 }
 
-/// Starts a pool of threads for evaluators; 0 stands for one thread per processor.
+/// Starts a pool of `threads` threads for evaluators; 0 means one thread per processor.
 ///
 /// # Errors
-/// If the threads cannot be started, or `threads` exceeds the maximum.
+/// If the threads cannot be started, or `threads` exceeds [`MAX_THREADS`].
 pub fn start_threads(threads: usize) -> Result<Arc<rayon::ThreadPool>, ThreadsError> {
     ThreadsError::check(threads)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
@@ -146,16 +147,16 @@ pub struct Evaluation {
     nodes: Arc<[GraphNode]>,
     wanted: Arc<[bool]>,
     snapshot: Arc<Snapshot>,
-    /// The events of all nodes that were not found unchanged, in the order of the graph.
+    /// The events of all nodes that had to be visited (because something changed), in the order of the graph.
     events: Vec<NodeEvent>,
     /// The values of the requested nodes, sorted by the index of the node.
     values: Vec<(usize, Values)>,
-    /// The time that reading files took, in seconds.
+    /// The time spent reading the files of nodes, in seconds, summed over all threads.
     files: f64,
 }
 
 impl Evaluation {
-    /// Returns the trace of all nodes that the requested outputs need, in the order of the graph.
+    /// Returns the trace of all nodes that the evaluation needed, in the order of the graph.
     pub fn trace(&self) -> RunTrace {
         let mut events = self.events.iter().peekable();
         let nodes = self.nodes.iter().enumerate().filter(|(index, _)| self.wanted[*index]);
@@ -187,7 +188,7 @@ impl Evaluation {
         }
     }
 
-    /// Returns the time that reading the files of nodes took, in seconds, summed over all threads.
+    /// Returns the time spent reading the files of nodes, in seconds, summed over all threads.
     pub fn seconds_of_files(&self) -> f64 {
         self.files
     }
@@ -199,10 +200,10 @@ impl Evaluation {
         for (index, node) in self.nodes.iter().enumerate().filter(|(index, _)| self.wanted[*index])
         {
             if let Some(event) = events.next_if(|event| event.index == index) {
-                // The check of the graph has already reported unknown types: see `unknown_types`.
+                // Skip unknown node types: the check of the graph has already reported them, see `unknown_types`.
                 let error = event.error.as_ref();
                 let error = error.filter(|error| error.downcast::<UnknownType>().is_none());
-                // Several nodes of a used graph may report the same invalid input value.
+                // Report an invalid input value only once, even if several nodes of a used graph report it.
                 let failure = error.map(|error| failure(node, error));
                 diagnostics.extend(failure.filter(|failure| !diagnostics.contains(failure)));
                 diagnostics.extend(event.differs.then(|| difference(node)));
@@ -216,14 +217,13 @@ impl Evaluation {
         diagnostics
     }
 
-    /// Returns the errors that requested nodes depend on nodes of unknown types, in the form in which the check reports them.
+    /// Returns an error for each node of unknown type on which a requested node depends. The check of a graph reports the same errors.
     pub(crate) fn unknown_types(&self) -> impl Iterator<Item = Diagnostic> {
         let errors = self.events.iter().filter_map(|event| event.error.as_ref());
         errors.filter_map(|error| error.downcast::<UnknownType>()?.0.clone())
     }
 
-    /// Returns true if a node failed because memory was insufficient or a file could not be read. Then the same evaluation may succeed
-    /// later.
+    /// Returns true if a node failed because memory was short or a file could not be read. The same evaluation may then succeed later.
     pub(crate) fn may_succeed_later(&self) -> bool {
         let mut errors = self.events.iter().filter_map(|event| event.error.as_ref());
         errors.any(|error| {
@@ -239,13 +239,13 @@ impl Evaluation {
         self.values[place].1.get(output)
     }
 
-    /// Returns the hash of the value of a node's output, if the node has a result.
+    /// Returns the hash of the value of a node's output, or `None` if the node has no result.
     pub(crate) fn hash(&self, node: usize, output: usize) -> Option<Hash> {
         Some(self.snapshot.current(node)?.outcome.outputs.get(output)?.1)
     }
 
-    /// Returns the value of the output with name `output` of the node with name `node`. If `output` is empty, returns the first output.
-    /// Returns `None` if the node was not requested.
+    /// Returns the value of the output `output` of the node named `node`. If `output` is empty, returns the first output. Returns `None` if
+    /// the node was not requested.
     pub fn find(&self, graph: &Graph, node: &str, output: &str) -> Option<&AnyValue> {
         let (node, output) = match output {
             "" => graph.target(node)?,
@@ -259,13 +259,13 @@ impl Evaluation {
         |node, output| self.value(node, output)
     }
 
-    /// Returns the hashes of the files that a node has read; `None` for each missing file.
+    /// Returns the hashes of the files that a node has read, in the order of the node's file parameters. A missing file is `None`.
     pub(crate) fn files_read_by(&self, node: usize) -> &[Option<Hash>] {
         self.snapshot.current(node).map_or(&[], |done| &done.parts.files)
     }
 
-    /// Returns the files of an output of the graph. If a `signature` is given, the files contain it. Returns `None` if the output's node
-    /// failed.
+    /// Returns the files in which an output of the graph is stored. If a `signature` is given, it is written into the files. Returns `None`
+    /// if the node of the output failed.
     pub(crate) fn files(
         &self,
         output: &GraphOutput,
@@ -282,8 +282,8 @@ impl Evaluation {
         }))
     }
 
-    /// Returns the contents of the files of an output by file name. The content of a large file is divided into pieces. Returns `None` if
-    /// the output's node failed.
+    /// Returns the contents of the files of an output, by file name. The content of a large file is divided into pieces. Returns `None` if
+    /// the node of the output failed.
     pub(crate) fn contents(
         &self,
         output: &GraphOutput,
@@ -295,7 +295,7 @@ impl Evaluation {
     }
 }
 
-/// Runs code of a node or format and turns its panic into an error.
+/// Runs code of a node or file format, and turns a panic of that code into an error.
 pub(crate) fn catch_panic<T>(does: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     let done = catch_unwind(AssertUnwindSafe(does));
     done.unwrap_or_else(|panic| Err(Panic(panic_message(&*panic)).into()))
@@ -328,13 +328,13 @@ fn difference(node: &GraphNode) -> Diagnostic {
     node.diagnostic(Severity::Error, code::NOT_PURE, message, help)
 }
 
-/// The error of a panic that was caught. A panic is a bug in this program or in a pack.
+/// The error that code of a node or file format panicked. Such a panic is a bug in this program or in a pack.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("panicked: {0}")]
 struct Panic(String);
 
 impl Evaluator {
-    /// Creates an evaluator with `threads` threads (0 to 1024; 0 for one per processor) and `memory` bytes for results.
+    /// Creates an evaluator with `threads` threads (0 to 1024; 0 for one per processor) and at most `memory` bytes of cached results.
     ///
     /// # Errors
     /// If the threads cannot be started, or `threads` exceeds the maximum.
@@ -342,7 +342,7 @@ impl Evaluator {
         Ok(Self::with_threads(start_threads(threads)?, memory))
     }
 
-    /// Creates an evaluator that runs on the threads of `pool`, which other evaluators may use, too.
+    /// Creates an evaluator that runs on the threads of `pool`. Several evaluators can share a pool.
     pub fn with_threads(pool: Arc<rayon::ThreadPool>, memory: usize) -> Self {
         let (cache, files, guards) = (Cache::new(memory), KnownFiles::default(), Guards::default());
         let (disk, last) = (None, None);
@@ -378,39 +378,40 @@ impl Evaluator {
         Self { verified_fraction: fraction, ..self }
     }
 
-    /// Returns true if cached results are computed again and compared.
+    /// Returns true if a fraction of the cached results is computed again and compared with the cache.
     pub(crate) fn is_verifying(&self) -> bool {
         0.0 < self.verified_fraction
     }
 
-    /// Limits the memory of results and running nodes together. By default the limit is nine tenths of the free memory of the machine, or
-    /// of the control group of this process. Where the system does not report the free memory, there is no default limit.
+    /// Limits the memory of results and running nodes together, in bytes. The default is nine tenths of the free memory of the machine or
+    /// of this process's control group (cgroup). Systems that do not report their free memory have no default limit.
     ///
     /// A node whose [`Node::estimate`](maquette_node::Node::estimate) exceeds the limit fails before it runs. If running nodes leave too
-    /// little memory for a node, the node waits for them. Results that no node needs any more are dropped to make room.
+    /// little memory for a node, the node waits for them. Results that no other node needs are dropped to make room.
     #[must_use]
     pub fn with_max_memory(mut self, bytes: u64) -> Self {
         self.cache.set_limit(usize::try_from(bytes).unwrap_or(usize::MAX).min(self.cache.limit()));
         Self { max_bytes: Some(bytes), ..self }
     }
 
-    /// Returns the disk cache.
+    /// Returns the disk cache, or `None` if results are kept only in memory.
     pub fn disk(&self) -> Option<&Disk> {
         self.disk.as_deref()
     }
 
-    /// Sets the memory limit of results, in bytes. If the results exceed it, the least recently used ones are dropped at once.
+    /// Sets the maximum size of the results in memory, in bytes. If the results are larger, the least recently used ones are dropped at
+    /// once.
     pub fn set_memory(&mut self, memory: usize) {
         self.cache.set_limit(memory);
     }
 
-    /// Sets whether new results are written to disk. Results on disk are used in any case. When writing is turned on again, results that
-    /// were not written are written then, if they are still the last results of their nodes.
+    /// Sets whether new results are written to disk. Results that are already on disk are used in any case. If `keep` becomes true again,
+    /// the next evaluation also writes results that were computed in between, if they are still the last results of their nodes.
     pub(crate) fn set_keeping_on_disk(&mut self, keep: bool) {
         self.writes_to_disk = keep;
     }
 
-    /// Returns the disk cache if new results are written to it.
+    /// Returns the disk cache, or `None` if new results are not written to disk.
     fn writable_disk(&self) -> Option<&Arc<Disk>> {
         self.disk.as_ref().filter(|_| self.writes_to_disk)
     }
@@ -420,31 +421,31 @@ impl Evaluator {
         self.cache.bytes()
     }
 
-    /// Returns the record of the files that were read.
+    /// Returns the hashes of the files that nodes have read.
     pub(crate) fn known_files(&self) -> &KnownFiles {
         &self.files
     }
 
-    /// Runs a closure on the evaluator's threads.
+    /// Runs a closure on the evaluator's threads and returns its result.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         self.pool.install(work)
     }
 
-    /// Drops all results in memory. Results on disk stay, but the next evaluation does not use them.
+    /// Drops all results in memory. Results on disk stay, but the next evaluation ignores them.
     pub fn forget(&mut self) {
         self.cache.clear();
         self.last = None;
         self.ignores_disk = true;
     }
 
-    /// Returns the results of those nodes in `nodes` that are unchanged. Nothing is evaluated.
+    /// Returns the results of those nodes in `nodes` that have not changed since they were computed. Nothing is evaluated.
     pub(crate) fn predict(&mut self, graph: &Graph, nodes: &[usize]) -> Prediction {
         self.recall(graph);
         Prediction(Plan::new(self, graph, nodes, &[]).known)
     }
 
-    /// Evaluates the nodes `roots`, given by index, and all nodes that they depend on. Keeps the values of the nodes `values` for the
-    /// caller.
+    /// Evaluates the nodes in `roots` and all their dependencies. Returns the values of the nodes in `values`. All nodes are given by
+    /// index.
     pub(crate) fn evaluate(
         &mut self,
         graph: &Graph,
@@ -503,13 +504,13 @@ impl Evaluator {
         self.disk.as_ref().filter(|_| !self.ignores_disk)
     }
 
-    /// Loads the results that an earlier process found for this graph, unless this process has already evaluated the graph.
+    /// Loads the results of the last evaluation of this graph by an earlier process, unless this process has already evaluated the graph.
     fn recall(&mut self, graph: &Graph) {
         let name = &graph.source().name;
         if self.last.as_ref().is_some_and(|last| last.graph == *name) {
             return;
         }
-        // Results of another graph are kept, because they stay valid and may be reused.
+        // Keep results of another graph: they stay valid and may be reused.
         if let Some((snapshot, files)) = self.known_results().and_then(|disk| disk.snapshot(name)) {
             self.last = Some(Arc::new(snapshot));
             self.files.extend(files);
@@ -522,7 +523,7 @@ impl Evaluator {
         self.evaluate(graph, &wanted, &wanted, &(), &CancelToken::default())
     }
 
-    /// Evaluates the nodes with the given names and all that they depend on. Unknown names are skipped.
+    /// Evaluates the nodes with the given names and all their dependencies. Names that the graph does not contain are skipped.
     pub fn evaluate_nodes(&mut self, graph: &Graph, names: &[&str]) -> Evaluation {
         let wanted: Vec<_> = names.iter().flat_map(|name| graph.nodes_of(name)).collect();
         self.evaluate(graph, &wanted, &wanted, &(), &CancelToken::default())
@@ -540,22 +541,22 @@ impl Evaluator {
     }
 }
 
-/// The results that are known before an evaluation, because their nodes are unchanged.
+/// The results that are known before an evaluation runs, because their nodes have not changed.
 pub(crate) struct Prediction(plan::KnownResults);
 
 impl Prediction {
-    /// Returns the hash of the value of a node's output, if the node is unchanged.
+    /// Returns the hash of the value of a node's output, or `None` if the node has changed.
     pub(crate) fn hash(&self, node: usize, output: usize) -> Option<Hash> {
         Some(self.0.get(node)?.outcome.outputs.get(output)?.1)
     }
 
-    /// Returns the hashes of the files that the node read, as [`Evaluation::files_read_by`].
+    /// Returns the hashes of the files that a node has read, like [`Evaluation::files_read_by`].
     pub(crate) fn files_read_by(&self, node: usize) -> &[Option<Hash>] {
         self.0.get(node).map_or(&[], |done| &done.parts.files)
     }
 }
 
-/// Locks a mutex even if another thread panicked while holding it. That is safe, because the data behind these locks is consistent after
+/// Locks a mutex even if another thread panicked while holding it. This is safe because the data behind these mutexes is consistent after
 /// every step.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(|broken| broken.into_inner())

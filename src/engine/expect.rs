@@ -1,4 +1,4 @@
-//! Checks expectations: assertions of graphs and tests about values.
+//! Checks expectations: conditions on values that graphs and tests state.
 
 use std::convert::Infallible;
 
@@ -12,19 +12,20 @@ use super::digits::six_digits;
 use super::distances::distances;
 use super::printable::check_printable;
 
-/// An expectation that does not hold, with its value and diagnostic.
+/// A violated expectation, with its diagnostic.
 pub struct Violation {
     pub diagnostic: Diagnostic,
-    /// The value that violates the expectation.
+    /// The value that violates the expectation. `None` if the expectation names a node or output that does not exist.
     pub value: Option<AnyValue>,
-    /// The centers of some of the violating elements, as positions in space.
+    /// The centers of some of the mesh elements that violate the expectation.
     pub positions: Vec<Point3<f64>>,
 }
 
-/// The maximum number of violating elements that a message names.
+/// The maximum number of violating elements that an error message names.
 const MAX_NAMED: usize = 5;
 
-/// Checks an expectation. If it does not hold, returns a description of the violation and the positions of violating elements.
+/// Checks an expectation. Returns a description of the violation and the positions of violating elements, or `None` if the expectation
+/// holds.
 fn check(expectation: &Expectation, values: &[&AnyValue]) -> Defect {
     let value = values.first()?;
     match expectation {
@@ -86,14 +87,14 @@ fn no_region(name: &str) -> (String, Vec<Point3<f64>>) {
     (format!("is not checked: `{name}` is not a region"), Vec::new())
 }
 
-/// Returns the indices of the nodes whose values the given expectations concern.
+/// Returns the indices of the nodes whose values the given expectations are about.
 pub(crate) fn nodes_of(expectations: &[&GraphExpectation]) -> Vec<usize> {
     let values = expectations.iter().flat_map(|expected| &expected.values);
     values.flatten().map(|(node, _)| *node).collect()
 }
 
-/// Returns the violations of expectations. `value` returns the value of an output, given the indices of node and output. An expectation is
-/// skipped if its value could not be computed.
+/// Returns the violations of expectations. `value` returns the value of an output, given the indices of the node and of the output.
+/// Expectations whose value could not be computed are skipped.
 pub(crate) fn violations<'v>(
     graph: &Graph,
     value: impl Fn(usize, usize) -> Option<&'v AnyValue>,
@@ -125,7 +126,7 @@ pub(crate) fn violations<'v>(
     violations
 }
 
-/// Describes edges that violate an expectation, such as `3 edges: 1-2, 4-7, ..`, with their midpoints.
+/// Describes the edges `offending`, for example `3 edges: 1-2, 4-7, ..`. Also returns their midpoints.
 fn edges(mesh: &Mesh, offending: &[[u32; 2]], what: &str) -> Defect {
     if offending.is_empty() {
         return None;
@@ -163,7 +164,7 @@ pub(super) fn check_manifold(mesh: &Mesh) -> Defect {
     if found.misoriented == 0 {
         return None;
     }
-    // For each edge, the vertex at which it starts in the face that was visited before.
+    // For each edge, its start vertex in the face visited before. Two faces of equal orientation pass an edge in opposite directions.
     let mut before = vec![u32::MAX; found.vertices.len()];
     let mut twice = Vec::new();
     let corners =
@@ -237,7 +238,7 @@ fn check_bounds(value: &AnyValue, low: [f64; 3], high: [f64; 3]) -> Defect {
     let Some(mut points) = points else {
         return Some((format!("is a {}, which has no bounds", value.kind().name), Vec::new()));
     };
-    // A cell without a point has a position of NaN, which is ignored.
+    // Ignore grid cells without a point: their position is NaN.
     points.retain(|point| !point.x.is_nan());
     fn is_outside(p: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> bool {
         (0..3).any(|k| p[k] < low[k] || high[k] < p[k])

@@ -1,9 +1,9 @@
-//! Evaluates graphs and writes their outputs. A node is computed at most once for equal inputs; later evaluations take its result from a
+//! Evaluates graphs and writes their outputs. A node is computed at most once for equal inputs. Later evaluations take the result from a
 //! cache.
 //!
-//! Hosts and commands run graphs through [`Session`](session::Session). [`eval`] plans an evaluation, runs the nodes and keeps results in
-//! memory and on disk; [`expect`] checks the expectations of graphs; [`writing`] is the only module that writes, replaces and deletes
-//! files.
+//! Host programs and commands run graphs through [`Session`](session::Session). [`eval`] plans an evaluation, runs the nodes and keeps
+//! results in memory and on disk. [`expect`] checks the expectations of graphs. [`writing`] is the only module that writes, replaces and
+//! deletes files.
 //!
 //! Read `session.rs` first, then `eval.rs`, `eval/plan.rs` and `eval/run.rs`.
 //!

@@ -1,4 +1,4 @@
-//! Checks that a mesh can be 3D-printed: it is a solid with walls that are thick enough.
+//! Checks that a mesh can be 3D-printed: it must be the closed surface of a solid whose material is thick enough everywhere.
 
 use maquette_value::{AnyValue, Backing, Mesh, TriangleTree};
 
@@ -6,14 +6,15 @@ use super::defects::Defect;
 use super::digits::six_digits;
 use super::expect::{check_closed, check_manifold, check_no_self_intersection};
 
-/// The maximum number of positions that are reported.
+/// The maximum number of positions of a defect that are reported.
 const MAX_POSITIONS: usize = 1000;
 
-/// The maximum number of violating faces that a message names.
+/// The maximum number of violating faces that an error message names.
 const MAX_NAMED: usize = 5;
 
 /// Checks that a mesh is the surface of a solid: closed, manifold, without self-intersections, and with normals that point outward. Also
-/// checks that the wall is at least `thickness` mm thick. The thickness is measured from the center of each face straight inward.
+/// checks that the solid is at least `thickness` mm thick at each face. The thickness is measured from the center of the face straight
+/// inward.
 pub(super) fn check_printable(mesh: &Mesh, thickness: f64) -> Defect {
     if mesh.faces().is_empty() {
         return Some(("has no faces".into(), Vec::new()));
@@ -120,7 +121,7 @@ mod tests {
 
     #[test]
     fn faces_that_meet_at_an_edge_are_not_a_thin_wall() {
-        // A roof whose sides are inclined by 50 degrees to the floor.
+        // A roof (a prism with a triangular cross section) whose sides are inclined by 50 degrees to the floor.
         let height = 5.0 * libm::tan(50f64.to_radians());
         let roof = [
             [0., 0., 0.],

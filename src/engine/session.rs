@@ -1,4 +1,4 @@
-//! Sessions. Hosts and the command line run graphs only through a session.
+//! Sessions. Host programs and the command line run graphs only through a [`Session`].
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -35,7 +35,7 @@ pub use save::{SaveError, save};
 pub use settings::{CacheFolder, CacheServer, SessionError, Settings};
 pub use settings::{default_folder, disk_size, size};
 
-/// The state of a program between runs of graphs: its packs, its threads, and results in memory and on disk.
+/// The state that a program keeps between runs of graphs: its packs, its threads, and results in memory and on disk.
 ///
 /// ```
 /// use maquette_engine::session::{Run, Session, Settings};
@@ -54,21 +54,21 @@ pub use settings::{default_folder, disk_size, size};
 pub struct Session {
     catalog: Arc<Catalog>,
     evaluator: Evaluator,
-    /// The memory limit of results, in bytes.
+    /// The maximum size of the results in memory, in bytes.
     memory: usize,
-    /// The reason why results are not written to disk, if they should be but cannot.
+    /// The reason why results are not written to disk although the settings ask for it.
     disk_warning: Option<String>,
-    /// The last known numbers of elements of each `ForEach` over data.
+    /// The last known number of elements of each `ForEach` loop over data, by graph file.
     known_counts: elements::KnownCounts,
 }
 
-/// The parameters of a run: the values to compute and the inputs.
+/// The parameters of a run: the values to compute, and the inputs of the graph.
 pub struct Run<'a> {
     /// The values that the run computes.
     pub targets: Targets,
     /// The values of the graph's inputs, by name.
     pub inputs: InputValues,
-    /// Receives the progress of the evaluation.
+    /// The observer that receives the progress of the evaluation.
     pub observer: &'a dyn Observer,
     /// A token with which the caller can cancel the evaluation.
     pub cancel: CancelToken,
@@ -81,33 +81,33 @@ impl Default for Run<'_> {
     }
 }
 
-/// The values of a graph to compute.
+/// Selects the values of a graph that a run computes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Targets {
-    /// All outputs, and all values for which the graph has expectations.
+    /// All outputs of the graph, and all values about which the graph has expectations.
     #[default]
     Outputs,
-    /// As `Outputs`, and also the listed values: nodes (`node`) or outputs of nodes (`node.output`).
+    /// The values of `Outputs`, and also the listed values: nodes (`node`) or outputs of nodes (`node.output`).
     OutputsAnd(Vec<String>),
     /// Only the listed values: outputs of the graph, nodes (`node`) or outputs of nodes (`node.output`).
     Named(Vec<String>),
-    /// All outputs of the listed nodes. A use of a graph stands for the nodes that compute the outputs of the use. If an output of the
-    /// graph has the name of a node, the node is meant.
+    /// All outputs of the listed nodes. If a name belongs to a node that uses another graph, the nodes that compute its outputs are meant.
+    /// If a name belongs to a node and to an output of the graph, the node is meant.
     Nodes(Vec<String>),
     /// All outputs of every node.
     Everything,
 }
 
 impl Session {
-    /// Creates a session with the given packs. The settings do not change any result.
+    /// Creates a session with the given packs. The settings affect speed and memory but not the results.
     ///
     /// # Errors
-    /// If the threads cannot be started, or the given folder for results cannot be used.
+    /// If the threads cannot be started, or the folder for results that the settings name cannot be used.
     pub fn new(packs: &[&Pack], settings: &Settings) -> Result<Self, SessionError> {
         Self::with_catalog(Arc::new(Catalog::new(packs)), settings)
     }
 
-    /// Creates a session with a shared catalog.
+    /// Creates a session with a catalog that other sessions may share.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -115,10 +115,10 @@ impl Session {
         Self::with_threads(start_threads(settings.threads)?, catalog, settings)
     }
 
-    /// Creates a session that runs on a shared pool of threads. [`Settings::threads`] is ignored.
+    /// Creates a session that runs on a pool of threads, which other sessions may share. [`Settings::threads`] is ignored.
     ///
     /// # Errors
-    /// If the given folder for results cannot be used.
+    /// If the folder for results that the settings name cannot be used.
     pub fn with_threads(
         threads: Arc<rayon::ThreadPool>,
         catalog: Arc<Catalog>,
@@ -136,27 +136,27 @@ impl Session {
         })
     }
 
-    /// Returns the catalog of the packs.
+    /// Returns the catalog of node types, value types and formats that the packs provide.
     pub fn catalog(&self) -> &Catalog {
         &self.catalog
     }
 
-    /// Returns the shared catalog.
+    /// Returns a shared reference to the catalog.
     pub fn shared_catalog(&self) -> Arc<Catalog> {
         self.catalog.clone()
     }
 
-    /// Loads and checks a graph and the graphs that it uses. The text is taken from [`Options::texts`] or read from this path. No node is
-    /// run.
+    /// Loads and checks a graph and all graphs that it uses. The text is taken from [`Options::texts`] if it contains this path, and
+    /// otherwise read from the file. No node is run.
     pub fn load(&self, path: &Path, options: &Options) -> CheckedGraph {
         Graph::load(path, &self.catalog, options)
     }
 
-    /// Reads the values for a graph's inputs from files. The type of the input and the extension of the file determine the reader. Also
+    /// Reads the values of a graph's inputs from files. The reader is chosen by the type of the input and the extension of the file. Also
     /// returns the warnings of the readers.
     ///
     /// # Errors
-    /// An error for each name that is not an input, and for each file that cannot be read.
+    /// An error for each name that is not an input of the graph, and for each file that cannot be read.
     pub fn read_inputs(
         &self,
         graph: &Graph,
@@ -165,11 +165,11 @@ impl Session {
         inputs::read(self, graph, files)
     }
 
-    /// Evaluates a graph. If a node fails, the nodes that depend on it fail, too, but no others: see [`RunResult::diagnostics`].
+    /// Evaluates a graph. If a node fails, only the nodes that depend on it fail, too: see [`RunResult::diagnostics`].
     ///
     /// # Errors
-    /// If the value of an input has a wrong type, or a requested name does not exist. In that case only the nodes that determine numbers of
-    /// elements have been run.
+    /// If the value of an input has a wrong type, or a requested name does not exist. Then at most the nodes have run that determine the
+    /// numbers of loop elements.
     pub fn run(&mut self, graph: &Graph, run: &Run<'_>) -> Result<RunResult, Vec<Diagnostic>> {
         let graph = self.bind_inputs(graph, &run.inputs)?;
         let wanted = |graph: &Graph| elements::wanted_nodes(graph, &run.targets);
@@ -206,7 +206,7 @@ impl Session {
         Ok(RunResult { graph, evaluation, violations })
     }
 
-    /// Evaluates the outputs `only` of a graph, or all outputs if the list is empty, and writes them to a folder. If a file already has the
+    /// Evaluates the outputs `only` of a graph and writes them to a folder. An empty list stands for all outputs. If a file already has the
     /// right bytes, it is not written, and its value is not computed.
     ///
     /// # Errors
@@ -222,7 +222,7 @@ impl Session {
         self.produce_after(graph, only, folder, observer, cancel, |_| {})
     }
 
-    /// As [`produce`](Self::produce), but calls `before_writing` after the evaluation and before the first file is written.
+    /// Like [`produce`](Self::produce), but calls `before_writing` between the evaluation and the first write.
     pub fn produce_after(
         &mut self,
         graph: &Graph,
@@ -246,7 +246,7 @@ impl Session {
         let (mut verdicts, open) = self.open_expectations(graph, &expected);
         let evaluator = &mut self.evaluator;
         let mut values = match evaluator.is_verifying() {
-            // When results are verified, known files may turn out to be wrong, so the values of all outputs are needed.
+            // When cached results are verified, even known files may turn out to be wrong, so evaluate all outputs.
             true => outputs.iter().map(|output| output.node).collect(),
             false => folder.nodes_to_write(&outputs, graph, &self.catalog, evaluator),
         };
@@ -273,8 +273,8 @@ impl Session {
         Ok(OutputReport { evaluation, written, complete, may_succeed_later, diagnostics })
     }
 
-    /// Writes the outputs `only` of a run, or all outputs if the list is empty, to a folder. Each file is written whole or not at all.
-    /// Returns the files, and an error for each output that could not be written. Unknown names are ignored.
+    /// Writes the outputs `only` of a run to a folder. An empty list stands for all outputs; unknown names are ignored. Each file is
+    /// written whole or not at all. Returns the files, and an error for each output that could not be written.
     pub fn write(
         &self,
         finished: &RunResult,
@@ -289,16 +289,16 @@ impl Session {
         (result.files, result.diagnostics)
     }
 
-    /// Loads the record that the last process wrote about the files in an output folder.
+    /// Loads the record of the files in an output folder, which an earlier process has stored.
     pub fn recall(&self, folder: &OutputFolder) {
         folder.recall(&self.evaluator);
     }
 
-    /// Returns the graph with the given values as its inputs. A missing value is not an error, but the nodes that depend on it fail. The
-    /// outputs of the graph become files in the preferred format of their type.
+    /// Returns a copy of the graph with the given input values. A missing value is not an error, but the nodes that depend on it fail. The
+    /// outputs are set to be written in the preferred file format of their type.
     ///
     /// # Errors
-    /// If a value has another type than its input, or a name is not an input.
+    /// If a value has another type than its input, or a name is not an input of the graph.
     pub fn bind_inputs(
         &self,
         graph: &Graph,
@@ -310,30 +310,30 @@ impl Session {
         graph.with_inputs(inputs, &self.catalog)
     }
 
-    /// Runs a closure on the session's threads.
+    /// Runs a closure on the session's threads and returns its result.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         self.evaluator.install(work)
     }
 
-    /// Returns the note that this build of the program has stored about a file or folder.
+    /// Returns the note (some bytes) that this build of the program has stored about a file or folder.
     pub fn note(&self, of: &Path) -> Option<Vec<u8>> {
         self.evaluator.disk()?.note(of)
     }
 
-    /// Stores a note about a file or folder, if results are written to disk.
+    /// Stores a note (some bytes) about a file or folder, if the session has a disk cache.
     pub fn keep_note(&self, of: &Path, note: impl FnOnce() -> Vec<u8>) {
         if let Some(disk) = self.evaluator.disk() {
             disk.keep_note(of, note(), Vec::new());
         }
     }
 
-    /// Returns the graph whose outputs were last written to a folder, if it is known.
+    /// Returns the path of the graph whose outputs were last written to `folder`, or `None` if it is unknown.
     pub fn graph_of(&self, folder: &Path) -> Option<PathBuf> {
         let path = self.note(&graph_note(folder)?)?;
         Some(PathBuf::from(String::from_utf8(path).ok()?))
     }
 
-    /// Stores a note that the outputs of `graph` are in `folder`.
+    /// Stores a note that the outputs in `folder` are those of `graph`.
     fn keep_graph_of(&self, folder: &Path, graph: &Path) {
         let graph = std::fs::canonicalize(graph).ok();
         let graph = graph.as_deref().and_then(Path::to_str);
@@ -342,43 +342,43 @@ impl Session {
         }
     }
 
-    /// Returns the memory limit of results, in bytes.
+    /// Returns the maximum size of the results in memory, in bytes.
     pub fn memory(&self) -> usize {
         self.memory
     }
 
-    /// Sets the memory limit of results, in bytes. If the results exceed it, the least recently used ones are dropped at once.
+    /// Sets the maximum size of the results in memory, in bytes. If they are larger, the least recently used ones are dropped at once.
     pub fn set_memory(&mut self, bytes: usize) {
         self.evaluator.set_memory(bytes);
     }
 
-    /// Sets whether new results are written to disk.
+    /// Sets whether new results are written to disk. Results that are already on disk are used in any case.
     pub fn set_keeping_on_disk(&mut self, keep: bool) {
         self.evaluator.set_keeping_on_disk(keep);
     }
 
-    /// Drops all results in memory. Results on disk stay, but the next run does not use them.
+    /// Drops all results in memory. Results on disk stay, but the next run ignores them.
     pub fn forget(&mut self) {
         self.known_counts.clear();
         self.evaluator.forget();
     }
 
-    /// Returns the reason why results are not written to disk, if they should be but cannot.
+    /// Returns the reason why results are not written to disk although the settings ask for it, or `None`.
     pub fn disk_warning(&self) -> Option<&str> {
         self.disk_warning.as_deref().or_else(|| self.write_error())
     }
 
-    /// Returns the error of writing results to disk, or `None`.
+    /// Returns the first error of writing results to disk, or `None`.
     pub(crate) fn write_error(&self) -> Option<&str> {
         self.evaluator.disk().and_then(Disk::write_error)
     }
 
-    /// Returns the first error of the remote cache, or `None`: see [`Disk::with_server`].
+    /// Returns the first error of the server with which results are shared, or `None`: see [`Disk::with_server`].
     pub fn server_error(&self) -> Option<&str> {
         self.evaluator.disk().and_then(Disk::server_error)
     }
 
-    /// Returns messages about errors in writing results to disk and in sharing them.
+    /// Returns messages about errors in writing results to disk and in sharing them with a server.
     pub fn cache_warnings(&self) -> Vec<String> {
         let server = self.server_error().map(str::to_owned);
         self.write_error()
@@ -399,13 +399,13 @@ impl Session {
             .collect()
     }
 
-    /// Returns the numbers of requests to the remote cache, or `None` if none is used.
+    /// Returns the numbers of requests to the server with which results are shared, or `None` if no server is used.
     pub fn exchange(&self) -> Option<RequestCounts> {
         self.evaluator.disk().and_then(Disk::exchange)
     }
 
-    /// Waits until all results are written to disk. If the cache is too large, drops old results. Waits at most one second for uploads to
-    /// the remote cache.
+    /// Waits until all results are written to disk, and up to one second for uploads to a server. If the disk cache exceeds its size limit,
+    /// drops the least recently used files.
     pub fn finish(&self) {
         if let Some(disk) = self.evaluator.disk() {
             disk.finish();
@@ -413,12 +413,13 @@ impl Session {
     }
 }
 
-/// Returns the key of the note about the graph of an output folder. The key contains an `@`, so it is not the path of an output.
+/// Returns the key of the note that stores which graph wrote to `folder`. The key contains an `@`, so it differs from the path of any
+/// output.
 fn graph_note(folder: &Path) -> Option<PathBuf> {
     Some(std::fs::canonicalize(folder).ok()?.join("@graph"))
 }
 
-/// Returns the expectations that are checked when the given nodes are computed. If `only` selects outputs, expectations of other values are
+/// Returns the expectations that are checked when `nodes` are computed. If `only` selects some outputs, expectations about other values are
 /// left out.
 fn expected_of<'g>(
     graph: &'g Graph,
@@ -428,7 +429,7 @@ fn expected_of<'g>(
     if only.is_empty() { graph.expectations_for(nodes) } else { graph.expectations_for_only(nodes) }
 }
 
-/// Returns the outputs with the given names, or all outputs if the list of names is empty.
+/// Returns the outputs with the given names, or all outputs if `names` is empty.
 pub(crate) fn outputs_of<'g>(
     graph: &'g Graph,
     only: &[String],
@@ -459,7 +460,7 @@ pub(crate) fn outputs_of<'g>(
         .collect()
 }
 
-/// Returns all nodes that `find` returns for the given names.
+/// Returns the results of `find` for all given names, in one list.
 fn nodes_named(
     graph: &Graph,
     names: &[String],

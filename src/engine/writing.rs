@@ -1,10 +1,10 @@
-//! Writes, replaces and deletes files. All files that this program creates or removes are created or removed by this module.
+//! Writes, replaces and deletes files. This is the only module that creates or removes files.
 //!
 //! - A file appears whole or not at all: it is written to a temporary file in the same folder and moved to its path (`write_whole`).
-//! - Only writable plain files are replaced, and only plain files removed: no links, folders, pipes or devices.
-//! - Files that a graph consists of or reads are not replaced ([`Sources`]). Nothing is written outside of the given folder, wherever links
-//!   lead ([`Destination`]).
-//! - Unfinished files of killed processes are removed, those of running processes stay (`temporary`).
+//! - Only writable plain files are replaced, and only plain files are removed: no links, folders, pipes or devices.
+//! - The files of a graph and the files that it reads are not replaced ([`Sources`]). Nothing is written outside of the given folder,
+//!   wherever links lead ([`Destination`]).
+//! - Unfinished files of killed processes are removed; those of running processes stay (`temporary`).
 
 use std::fs::{self, File, Metadata};
 use std::io::{self, Write};
@@ -38,17 +38,17 @@ pub struct Destination<'a> {
 }
 
 enum Bounds {
-    /// The given path may be anywhere.
+    /// Any path is allowed.
     None,
-    /// Inside of this folder. Links inside of the folder must not lead out of it.
+    /// Paths inside of this folder are allowed. Links inside of the folder must not lead out of it.
     Folder(PathBuf),
-    /// Inside of this folder, which itself must be inside of `base`.
+    /// Paths inside of `folder` are allowed, which itself must be inside of `base`.
     Inside { base: PathBuf, folder: PathBuf },
-    /// Inside of this folder, if the path from the folder to the file contains no link.
+    /// Paths inside of this folder are allowed, if no link is on the way from the folder to the file.
     Own(PathBuf),
 }
 
-/// The error of writing a file.
+/// The reason why a file could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
     #[error("{0}")]
@@ -66,12 +66,12 @@ pub enum WriteError {
 }
 
 impl<'a> Destination<'a> {
-    /// Creates a destination that allows any path, because the user has given the path.
+    /// Creates a destination that allows any path. For paths that the user has given explicitly.
     pub fn anywhere(sources: &'a Sources) -> Self {
         Self { bounds: Bounds::None, sources }
     }
 
-    /// Creates a destination that allows a folder which the user has given. Links to the folder may lead anywhere.
+    /// Creates a destination that allows a folder that the user has given explicitly. The path to the folder may contain links.
     pub fn folder(folder: &Path, sources: &'a Sources) -> Self {
         Self { bounds: Bounds::Folder(folder.to_owned()), sources }
     }
@@ -84,21 +84,21 @@ impl<'a> Destination<'a> {
         }
     }
 
-    /// Creates a destination that allows folders inside of `base` whose paths contain no link.
+    /// Creates a destination that allows paths inside of `base`, if no link is on the way from `base` to the file.
     pub fn without_links(base: &Path, sources: &'a Sources) -> Self {
         Self { bounds: Bounds::Own(base.to_owned()), sources }
     }
 
-    /// Writes the given bytes to a file, whole or not at all. Returns the stamp of the file, or `None` if another program has already
-    /// changed it. The first write of this process to a folder removes unfinished files that killed processes left in the folder.
+    /// Writes the given bytes to a file, whole or not at all. Returns the metadata of the file, or `None` if another program has already
+    /// changed it. The first write of this process to a folder removes unfinished files that killed processes left there.
     pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<Option<FileStat>, WriteError> {
         self.check(path)?;
         temporary::sweep_once(parent_folder(path));
         Ok(write_whole(path, bytes)?)
     }
 
-    /// Writes `len` bytes by calling `fill`. They are written to a new file, or over a recycled file, whose known contents `fill` receives.
-    /// Also returns the result of `fill`.
+    /// Writes `len` bytes by calling `fill`, and also returns the result of `fill`. The bytes go to a new file, or to a recycled file (an
+    /// earlier version) that is overwritten. `fill` then receives what is known about the content of that file.
     pub(crate) fn write_again<S, T>(
         &self,
         path: &Path,
@@ -110,14 +110,14 @@ impl<'a> Destination<'a> {
         Ok(write_by(path, len, last, fill)?)
     }
 
-    /// Writes one file, and removes unfinished files of killed processes in its folder.
+    /// Writes one file. Also removes unfinished files that killed processes left in its folder.
     pub fn put(&self, path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
         self.check(path)?;
         sweep(parent_folder(path));
         Ok(write_whole(path, bytes).map(|_| ())?)
     }
 
-    /// Writes several files. If one of them must not be written, none is written, and the error names this file.
+    /// Writes several files. If one of them must not be written, none is written. The error names the file that caused it.
     pub fn put_all(&self, files: &[(PathBuf, Vec<u8>)]) -> Result<(), (PathBuf, WriteError)> {
         for (path, _) in files {
             self.check(path).map_err(|error| (path.clone(), error))?;
@@ -146,14 +146,14 @@ impl<'a> Destination<'a> {
         Ok(remove(path)?)
     }
 
-    /// Removes unfinished files of killed processes from a folder, if files may be written there.
+    /// Removes unfinished files that killed processes left in a folder, if files may be written there.
     pub fn sweep(&self, folder: &Path) {
         if self.check_folder(folder).is_ok() {
             sweep(folder);
         }
     }
 
-    /// Checks that files in a folder may be written.
+    /// Checks that files may be written to a folder.
     pub fn check_folder(&self, folder: &Path) -> Result<(), WriteError> {
         fn lies_in(inner: &Path, outer: &Path) -> Result<(), WriteError> {
             match real(inner)?.starts_with(real(outer)?) {
@@ -180,14 +180,14 @@ impl<'a> Destination<'a> {
     }
 }
 
-/// Returns the folder that contains a file.
+/// Returns the folder that contains a file. For a file name without a folder, this is the current folder.
 fn parent_folder(path: &Path) -> &Path {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     folder.unwrap_or(Path::new("."))
 }
 
-/// Returns a path without links. The file need not exist yet. A link whose target does not exist is an error, because it is unknown where
-/// the target would be.
+/// Returns a path without symbolic links. The file need not exist yet. A link whose target does not exist is an error, because the path of
+/// the target is unknown.
 fn real(path: &Path) -> io::Result<PathBuf> {
     let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
     let path = std::path::absolute(path)?;
@@ -205,8 +205,8 @@ fn kind(metadata: &Metadata) -> &'static str {
     }
 }
 
-/// Replaces the text of a file that people edit, whole or not at all. Keeps the permissions of the file. If the path is a link, the target
-/// of the link is replaced.
+/// Replaces the text of a file that people edit. The file is written whole or not at all, and its permissions stay. If the path is a link,
+/// its target is replaced.
 pub fn rewrite(path: &Path, text: &str) -> io::Result<()> {
     let path = fs::canonicalize(path)?;
     let metadata = fs::metadata(&path)?;
@@ -218,8 +218,8 @@ pub fn rewrite(path: &Path, text: &str) -> io::Result<()> {
     fs::set_permissions(&path, metadata.permissions())
 }
 
-/// Replaces the text of a file, if the file still contains `read`. If a [`FolderLock`] was taken before reading, no edit by this program is
-/// lost. An edit by another program is lost only if it happens between the check and the write in this function.
+/// Replaces the text of a file, if the file still contains the text `read`. If the caller took a [`FolderLock`] before reading, no edit by
+/// this program is lost. An edit by another program is lost only if it happens between the check and the write in this function.
 pub fn replace(path: &Path, read: &str, text: &str) -> io::Result<()> {
     match maquette_value::fs::read_text(path)? == read {
         true => rewrite(path, text),
@@ -231,8 +231,8 @@ fn changed_meanwhile() -> io::Error {
     io::Error::other("another program is changing the file; try again")
 }
 
-/// Replaces the text of a file and creates another file that belongs to it. If one of them cannot be written, neither is. The error names
-/// the file.
+/// Replaces the text of a file and creates a second file that belongs to it. If one of the two cannot be written, neither is. The error
+/// contains the path of the file that could not be written.
 pub fn rewrite_with(
     path: &Path,
     text: &str,
@@ -244,13 +244,13 @@ pub fn rewrite_with(
     }
     write_new(new, new_text).map_err(|error| (new.to_owned(), error))?;
     rewrite(path, text).map_err(|error| {
-        // The new file can be removed again, because no other program has read it yet.
+        // Remove the new file again. No other program has read it yet.
         let _ = remove(new);
         (path.to_owned(), error)
     })
 }
 
-/// Creates a file with a text, and the folders above it.
+/// Creates a file with the given text, and the folders above it. An existing file is an error.
 pub fn write_new(path: &Path, text: &str) -> io::Result<()> {
     let folder = parent_folder(path);
     fs::create_dir_all(folder)?;
@@ -269,13 +269,13 @@ pub fn keep_beside(path: &Path, text: &str) -> Result<(), WriteError> {
     }
 }
 
-/// Writes a temporary file and moves it to `path`. So the file appears whole or not at all. Returns the stamp of the file, or `None` if
+/// Writes a temporary file and moves it to `path`, so the file appears whole or not at all. Returns the metadata of the file, or `None` if
 /// another program has already changed it.
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<Option<FileStat>> {
     write_parts(path, &[bytes])
 }
 
-/// Writes a file that only the user can read, in a folder that only the user can read. A missing folder is created.
+/// Writes a file that only this user can read, in a folder that only this user can read. A missing folder is created.
 pub fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let folder = parent_folder(path);
     make_private_folder(folder)?;
@@ -285,8 +285,8 @@ pub fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
     file.persist(path).map(|_| ()).map_err(|error| error.error)
 }
 
-/// Creates a folder that other users cannot read. If the folder exists and others can write to it, that is an error, because they could
-/// replace the user's files.
+/// Creates a folder that other users cannot read. If the folder exists and other users can write to it, returns an error, because they
+/// could replace the files in it.
 fn make_private_folder(path: &Path) -> io::Result<()> {
     let mut builder = fs::DirBuilder::new();
     builder.recursive(true);
@@ -299,8 +299,8 @@ fn make_private_folder(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Returns true if a file or folder belongs to this user and no other user has any of the given permissions (bits of the Unix mode). On
-/// systems without such permissions, returns true, because the folders of a user are private there.
+/// Returns true if a file or folder belongs to this user, and no other user has any of the given `permissions` (bits of the Unix mode). On
+/// systems without such permissions, returns true, because a user's folders are private there.
 #[cfg_attr(not(unix), expect(unused_variables, reason = "there is nothing to ask for"))]
 pub fn is_private(metadata: &Metadata, permissions: u32) -> bool {
     #[cfg(unix)]
@@ -313,7 +313,7 @@ pub fn is_private(metadata: &Metadata, permissions: u32) -> bool {
     true
 }
 
-/// Writes a file whose content is given in parts. Like [`write_whole`] otherwise.
+/// Writes a file whose content is given in parts, whole or not at all. See [`write_whole`].
 pub(crate) fn write_parts(path: &Path, parts: &[&[u8]]) -> io::Result<Option<FileStat>> {
     let len = parts.iter().map(|part| part.len()).sum();
     let written = write_by(path, len, PreviousFiles::<()>::default(), |file, _| {
@@ -322,11 +322,11 @@ pub(crate) fn write_parts(path: &Path, parts: &[&[u8]]) -> io::Result<Option<Fil
     Ok(written.stamp)
 }
 
-/// The files that this process has left at a path where it writes again.
+/// The files at and next to a path that this process left there when it last wrote to the path.
 pub(crate) struct PreviousFiles<S> {
-    /// The stamp and the known contents of the file at the path, if the file is to be recycled by a later write.
+    /// The metadata and the known content of the file at the path, if the next write should keep that file to be recycled.
     pub(crate) there: Option<(FileStat, S)>,
-    /// A file that was replaced earlier and may be overwritten.
+    /// A file that was replaced earlier, and that the next write may overwrite.
     pub(crate) recycled: Option<RecycledFile<S>>,
 }
 
@@ -336,17 +336,17 @@ impl<S> Default for PreviousFiles<S> {
     }
 }
 
-/// A file that was written, and the file that it replaced.
+/// The result of writing a file, and the file that was replaced.
 pub(crate) struct Rewritten<S, T> {
-    /// The stamp of the file, or `None` if another program has already changed it.
+    /// The metadata of the new file, or `None` if another program has already changed it.
     pub(crate) stamp: Option<FileStat>,
-    /// The result of the function that has written the content.
+    /// The result of the function that wrote the content.
     pub(crate) result: T,
-    /// The file that was replaced, if it can be overwritten later.
+    /// The replaced file, if a later write can overwrite it.
     pub(crate) recycled: Option<RecycledFile<S>>,
 }
 
-/// Writes a file of `len` bytes by calling `fill`. If the file or its folder is removed in the meantime, `fill` is called again.
+/// Writes a file of `len` bytes by calling `fill`. If the file or its folder is removed during the write, tries again.
 fn write_by<S, T>(
     path: &Path,
     len: usize,
@@ -370,7 +370,7 @@ fn write_by<S, T>(
         let result = fill(file.as_file_mut(), holds.as_ref())?;
         large::mark(file.as_file(), len)?;
         let written = file.as_file().metadata()?;
-        // The file stays locked while it is moved.
+        // Keep the file locked while it is moved.
         let (file, spare) = match there.take() {
             Some((stamp, holds)) => match RecycledFile::exchange(file, path, stamp, holds) {
                 Ok(moved) => moved,
@@ -386,7 +386,7 @@ fn write_by<S, T>(
     })
 }
 
-/// Moves a file of `len` bytes to `path`.
+/// Moves a temporary file of `len` bytes to `path`.
 fn persist(file: NamedTempFile, path: &Path, len: usize) -> io::Result<File> {
     let old = large::ReplacedFile::open(path, len);
     let file = file.persist(path).map_err(|error| error.error)?;
@@ -394,8 +394,8 @@ fn persist(file: NamedTempFile, path: &Path, len: usize) -> io::Result<File> {
     Ok(file)
 }
 
-/// Runs `does` again if it fails because a file or folder was removed. The argument of `does` is false for the first attempt. Another
-/// process may clear the cache or a folder at any time, but after a hundred attempts there must be another cause.
+/// Calls `does`, and again if it fails because a file or folder was removed. The argument of `does` is false at the first attempt. Another
+/// process may clear the cache or a folder at any time; after a hundred attempts there must be another cause.
 pub(crate) fn retry_if_removed<T>(mut does: impl FnMut(bool) -> io::Result<T>) -> io::Result<T> {
     const TRIES: usize = 100;
     let mut result = does(false);
@@ -408,12 +408,13 @@ pub(crate) fn retry_if_removed<T>(mut does: impl FnMut(bool) -> io::Result<T>) -
     result
 }
 
-/// Returns true if a file or folder was removed. If a folder is removed while it is created, the error may be that it exists.
+/// Returns true if the error may mean that a file or folder was removed. If a folder is removed while it is being created, the error can be
+/// that it already exists.
 fn is_gone(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::AlreadyExists)
 }
 
-/// Returns true if files can be written to a folder, or to the nearest existing folder above it.
+/// Returns true if files can be written to a folder or, if it does not exist, to the nearest existing folder above it.
 pub fn is_writable(folder: &Path) -> bool {
     let there = folder.ancestors().find(|folder| fs::symlink_metadata(folder).is_ok());
     temporary::create(there.unwrap_or(Path::new("."))).is_ok()
@@ -424,7 +425,7 @@ pub fn make_folder(path: &Path) -> io::Result<()> {
     fs::create_dir_all(path)
 }
 
-/// Removes a plain file. A link is not removed, and neither is its target.
+/// Removes a plain file. If the path is a link, neither the link nor its target is removed.
 pub fn remove(path: &Path) -> io::Result<()> {
     match fs::symlink_metadata(path)? {
         it if it.is_file() => fs::remove_file(path),
@@ -432,7 +433,7 @@ pub fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Removes a folder if it is empty.
+/// Removes a folder if it is empty. Errors are ignored.
 pub fn remove_empty(folder: &Path) {
     let _ = fs::remove_dir(folder);
 }
@@ -440,7 +441,7 @@ pub fn remove_empty(folder: &Path) {
 /// Marks a file as used by setting its modification time to now.
 pub(crate) fn touch(path: &Path) {
     let file = File::options().append(true).open(path);
-    // The file may just have been removed by another process.
+    // Ignore an error: another process may just have removed the file.
     let _ = file.and_then(|file| file.set_modified(SystemTime::now()));
 }
 

@@ -1,4 +1,4 @@
-//! Test files: graphs to test, their parameters, and the tolerances of their outputs.
+//! Test files. A test file names the graphs to test, the values of their parameters, and the tolerances of their outputs.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -77,17 +77,17 @@ pub struct TestFile {
     pub graphs: Vec<PathBuf>,
     pub(crate) cases: Vec<(String, TestCase)>,
     pub(crate) compare: Vec<OutputTolerance>,
-    /// The expectations of the test, each with its syntax tree.
+    /// The expectations that the test adds to those of its graphs. Each has its syntax tree.
     pub(crate) expect: Vec<(Expectation, Tree)>,
     pub(crate) budget: Budget,
-    /// The parts of the file whose meaning is uncertain because of syntax errors.
+    /// The parts of the file whose meaning is unclear because of syntax errors near them.
     pub(crate) uncertain_parts: UncertainParts,
 }
 
 pub(crate) struct TestCase {
     pub(crate) span: Span,
     pub(crate) set: Vec<(String, String)>,
-    /// The files with the values of inputs, by the name of the input.
+    /// The files with the values of the graph's inputs, by the name of the input.
     pub(crate) inputs: Vec<(String, PathBuf)>,
     pub(crate) skip: Option<String>,
 }
@@ -95,14 +95,14 @@ pub(crate) struct TestCase {
 /// The tolerance of an output, as the test file states it.
 pub(crate) struct OutputTolerance {
     pub(crate) output: String,
-    /// The name of the value type that is written before the parentheses.
+    /// The name of the value type, which the test file writes before the parentheses, as in `Mesh(max: 0.02)`.
     pub(crate) kind: String,
     pub(crate) kind_span: Span,
     pub(crate) span: Span,
     pub(crate) tolerance: Tolerance,
 }
 
-/// The value type that a test file states for an output.
+/// The value type that a test file names for an output.
 struct OutputKind {
     output: String,
     kind: String,
@@ -110,12 +110,12 @@ struct OutputKind {
     span: Span,
 }
 
-/// Reads a test file. Returns all errors if there are any. The catalog provides the value types.
+/// Reads a test file, or returns all of its errors. The catalog provides the value types, on which the possible tolerances depend.
 pub(crate) fn read(path: &Path, catalog: &Catalog) -> Result<TestFile, Vec<Diagnostic>> {
     require_no_diagnostics(read_with(path, fs::read_text_no_follow(path), &known_fields(catalog)))
 }
 
-/// Parses the text of a test file. Returns the test without its faulty parts, and all errors.
+/// Parses the text of a test file. Returns the test without its faulty parts (`None` if nothing is left), and all errors.
 pub fn read_text(
     path: &Path,
     text: String,
@@ -130,7 +130,7 @@ fn require_no_diagnostics(
     test.filter(|_| diagnostics.is_empty()).ok_or(diagnostics)
 }
 
-/// Reads a test file without checking whether its tolerances are possible for the value types.
+/// Reads a test file without checking its tolerances against the value types. Returns `None` if the file has errors.
 pub fn skim(path: &Path) -> Option<TestFile> {
     require_no_diagnostics(read_with(path, fs::read_text_no_follow(path), &|_| {
         Ok(&POSITION_FIELDS)
@@ -169,7 +169,7 @@ fn diagnostic(
     LocalDiagnostic { code, span, message, help: help.into(), note: None }
 }
 
-/// Parses as much of a test as possible. Faulty parts are left out.
+/// Parses as much of a test file as possible. Faulty parts are left out.
 fn read_source(
     path: &Path,
     source: &Arc<Source>,
@@ -183,7 +183,7 @@ fn read_source(
     let ReadText { tree, errors, uncertain_parts } = ReadText::new(&sheet, parsed, &["Test"]);
     diagnostics.extend(errors.into_iter().map(|error: maquette_syntax::SyntaxError| {
         match error.span.start {
-            // An empty text has only this error.
+            // If the text is empty, report only this error.
             0 if is_empty => diagnostic(code::SYNTAX, error.span, error.message, begin),
             _ => diagnostic(code::SYNTAX, error.span, error.message, error.help),
         }
@@ -240,7 +240,7 @@ fn test_of(
     diagnostics.append(&mut wrong);
     let test: Test = match read_tree(&tree) {
         Ok(test) => test,
-        // A missing field is an error that has already been reported above.
+        // This error comes from a missing field, which is already reported above.
         Err(_) if !diagnostics.is_empty() => return None,
         Err(error) => {
             let span = error.span.unwrap_or(tree.span);
@@ -334,7 +334,7 @@ fn skips_without_reason(tree: &Tree) -> Vec<LocalDiagnostic> {
     wrong.collect()
 }
 
-/// Returns the entries of the map in the field `name` of a test or case.
+/// Returns the keys and values of the map in the field `name` of a test or case.
 fn entries(tree: &Tree, name: &str) -> Vec<(Tree, Tree)> {
     match field(tree, name).map(|tree| &tree.kind) {
         Some(Kind::Map(entries)) => entries.clone(),
@@ -346,7 +346,7 @@ fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Tree> {
     tree.fields()?.iter().find(|field| field.name.text == name).map(|field| &field.value)
 }
 
-/// Removes the value type from each tolerance: reduces `Mesh(max: 0.02)` to `(max: 0.02)`, which can be parsed as a tolerance. Returns the
+/// Removes the value type from each tolerance: `Mesh(max: 0.02)` becomes `(max: 0.02)`, which can be parsed as a tolerance. Returns the
 /// removed value types.
 fn take_kinds(
     tree: &mut Tree,
@@ -396,7 +396,7 @@ fn take_kinds(
     kinds
 }
 
-/// Returns the cases in the order of the file. The values that a case sets are kept as text, as in `--set`.
+/// Returns the cases in the order of the file. The values that a case sets are kept as text, like the argument of the option `--set`.
 fn cases(tree: &Tree, test: &Test, text: &str, folder: &Path) -> Vec<(String, TestCase)> {
     let Some(Kind::Map(entries)) = field(tree, "cases").map(|tree| &tree.kind) else {
         return Vec::new();
@@ -424,8 +424,7 @@ fn cases(tree: &Tree, test: &Test, text: &str, folder: &Path) -> Vec<(String, Te
     cases
 }
 
-/// Returns an error for each case whose name is not a possible folder name. The name must be one, because the goldens of a case are in a
-/// folder of this name.
+/// Returns an error for each case whose name cannot be the name of a folder. The goldens of a case are stored in a folder with its name.
 fn invalid_case_names(tree: &Tree) -> Vec<LocalDiagnostic> {
     let Some(Kind::Map(entries)) = field(tree, "cases").map(|tree| &tree.kind) else {
         return Vec::new();
@@ -446,13 +445,13 @@ fn invalid_case_names(tree: &Tree) -> Vec<LocalDiagnostic> {
     wrong.collect()
 }
 
-/// Returns the absolute path of a folder. The search for the project that contains the folder starts at this path.
+/// Returns the absolute path of a folder. From there, the project that contains the folder is searched upwards.
 fn canonical_folder(folder: &Path) -> PathBuf {
     let here = if folder == Path::new("") { Path::new(".") } else { folder };
     std::fs::canonicalize(here).unwrap_or_else(|_| here.to_owned())
 }
 
-/// Returns an error for each duplicate key of a map. Duplicate fields have been reported before.
+/// Returns an error for each key that occurs twice in a map. Duplicate fields are reported elsewhere.
 fn duplicates(tree: &Tree) -> Vec<LocalDiagnostic> {
     let cases = entries(tree, "cases");
     let of_cases = cases.iter().flat_map(|(_, case)| {
@@ -472,7 +471,7 @@ fn duplicates(tree: &Tree) -> Vec<LocalDiagnostic> {
         .collect()
 }
 
-/// Returns the graphs whose paths match a pattern, sorted. The pattern may contain one `*` in its last part. It is an error if no graph
+/// Returns the graphs whose paths match a pattern, sorted. The pattern may contain one `*`, in its last part. Returns an error if no graph
 /// matches, or if a matching graph is outside of the project.
 fn graphs(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PathError> {
     let here = canonical_folder(folder);
@@ -515,8 +514,8 @@ fn graphs(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PathError> {
     if graphs.is_empty() { Err(missing(pattern)) } else { Ok(graphs) }
 }
 
-/// Returns all test files in a folder and the folders inside of it, sorted. If the path is not a folder, returns the path itself. Links to
-/// folders are not followed, because they may form a cycle.
+/// Returns all test files in a folder and its subfolders, sorted. If the path is not a folder, returns the path itself. Links to folders
+/// are not followed, because they may form a cycle.
 pub fn find(path: &Path) -> Vec<PathBuf> {
     if !path.is_dir() {
         return vec![path.to_owned()];
@@ -546,8 +545,8 @@ pub(crate) fn test_files_in(folder: &Path) -> Vec<PathBuf> {
     tests
 }
 
-/// Returns the test files that test a graph. They are in the folder of the graph, or in the nearest folder above it that contains test
-/// files.
+/// Returns the test files that test a graph. They are in the folder of the graph or, if that has no test files, in the nearest folder above
+/// it that has some.
 pub fn tests_of(graph: &Path) -> Vec<PathBuf> {
     let Ok(wanted) = graph.canonicalize() else { return Vec::new() };
     for folder in graph.ancestors().skip(1) {
@@ -566,7 +565,7 @@ pub fn tests_of(graph: &Path) -> Vec<PathBuf> {
     Vec::new()
 }
 
-/// Returns the paths in a test file that refer to the graph file `graph`. Different paths can refer to one file, for example through links.
+/// Returns the paths by which a test file refers to the graph file `graph`. There may be several, for example through symbolic links.
 pub fn graph_of(test: &Path, graph: &Path) -> Vec<PathBuf> {
     let (Some(test), Ok(wanted)) = (skim(test), graph.canonicalize()) else { return Vec::new() };
     test.graphs.into_iter().filter(|graph| is_same(graph, &wanted)).collect()
@@ -582,7 +581,7 @@ pub fn test_schema() -> serde_json::Value {
     schemars::schema_for!(Test).into()
 }
 
-/// Returns the vocabulary of test files.
+/// Returns the keywords of test files, with their documentation.
 pub fn words() -> Vec<maquette_graph::Word> {
     use maquette_graph::{words_of_choices, words_of_fields};
     fn fields(within: &str, schema: schemars::Schema) -> Vec<maquette_graph::Word> {

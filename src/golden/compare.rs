@@ -1,5 +1,5 @@
-//! Compares two values by meaning: determines how large the differences are, whether they are within the tolerance, and where the largest
-//! one is.
+//! Compares two values by their content. Determines how large the differences are, where the largest one is, and if all are within the
+//! tolerance.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,7 @@ pub(crate) use columns::{
 pub(crate) use mesh::compare_meshes;
 pub(crate) use order::unordered_hash;
 
-/// The verdict of a comparison, in the order from equal to different.
+/// The verdict of a comparison, ordered from equal to different.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
     /// Equal to the last bit.
@@ -103,7 +103,7 @@ pub enum Keep {
 }
 
 impl Keep {
-    /// Returns the distance between two stored entries: 1 if all entries are stored.
+    /// Returns the step between two stored entries. It is 1 if every entry is stored.
     pub(crate) fn stride(self) -> usize {
         match self {
             Self::Whole => 1,
@@ -113,7 +113,7 @@ impl Keep {
 }
 
 impl Tolerance {
-    /// Returns an error message and a help text if limits contradict each other.
+    /// Returns an error message and a help text if two limits of the tolerance contradict each other.
     pub fn contradiction(&self) -> Option<(String, &'static str)> {
         let hard = self.hard.filter(|hard| *hard < self.level)?;
         let (hard, level) = (six_digits(hard), six_digits(self.level));
@@ -129,40 +129,39 @@ impl Tolerance {
     }
 }
 
-/// The measured differences of a column or a surface.
+/// The measured differences between the old and the new version of a column or surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measure {
     /// The name of the column or surface.
     pub name: String,
-    /// The largest difference.
+    /// The largest difference, in the unit `unit`.
     pub max: f64,
-    /// The root mean square of the differences.
+    /// The root mean square of all differences, in the unit `unit`.
     pub rms: f64,
-    /// The 99th percentile of the differences.
+    /// The 99th percentile of all differences, in the unit `unit`.
     pub p99: f64,
-    /// The largest difference that counts. Differences that `relative` allows do not count.
+    /// The largest difference that counts. Differences that the relative limit of the tolerance allows do not count.
     pub counted_max: f64,
-    /// The fraction of elements that differ.
+    /// The fraction of elements that differ, from 0 to 1.
     pub differing: f64,
-    /// The unit: `mm`, `degrees` or empty.
+    /// The unit of the differences: `mm`, `degrees`, or empty.
     pub unit: &'static str,
-    /// A description of the position of the largest difference. Empty if there is none.
+    /// The position of the largest difference, in words. Empty if there is no difference.
     pub worst: String,
-    /// The largest difference that is allowed.
+    /// The largest allowed difference, in the unit `unit`.
     pub allowed: f64,
-    /// The uncertainty of each difference. It is not zero if the old value was rounded when it was stored.
+    /// The uncertainty of each difference, in the unit `unit`. It is 0 unless the old value was rounded when it was stored.
     pub error: f64,
-    /// The fraction of the elements that were compared.
+    /// The fraction of elements that were compared, from 0 to 1.
     pub compared_fraction: f64,
-    /// True if elements can only be equal or different, and the fraction of different elements decides.
+    /// True if elements are only equal or different, so the fraction of different elements is compared with the limit.
     pub is_by_fraction: bool,
-    /// A description of the violated limit; empty if there is none.
+    /// A description of the limit that is exceeded; empty if none is.
     pub failure: String,
 }
 
 impl Measure {
-    /// Returns the rank by which measures are sorted in reports: distances first, then angles, then numbers, then fractions of different
-    /// elements.
+    /// Returns the rank of the measure in reports: first distances, then angles, then numbers, then fractions of different elements.
     fn rank(&self) -> usize {
         match self.unit {
             "mm" => 0,
@@ -184,9 +183,9 @@ impl Measure {
 /// The result of comparing two values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
-    /// The verdict.
+    /// Whether the values are equal, close enough, or different.
     pub verdict: Verdict,
-    /// The reasons for the verdict "different": unequal counts and kinds, and exceeded tolerances.
+    /// The reasons for the verdict `Different`: counts or kinds that differ, and limits that are exceeded.
     pub reasons: Vec<String>,
     /// The measured differences.
     pub measures: Vec<Measure>,
@@ -197,8 +196,8 @@ impl Comparison {
         Self { verdict, reasons: Vec::new(), measures: Vec::new() }
     }
 
-    /// Creates a comparison from the facts that differ and the measured differences. The reasons are sorted: first distances, the longest
-    /// before all others, then other differences, then facts.
+    /// Creates a comparison from descriptions of facts that differ and from the measured differences. The reasons are sorted: first
+    /// distances, the largest first; then other differences; then facts.
     pub(crate) fn new(facts: Vec<String>, measures: Vec<Measure>) -> Self {
         let mut broken: Vec<&Measure> = measures.iter().filter(|m| !m.failure.is_empty()).collect();
         broken.sort_by(|a, b| a.rank().cmp(&b.rank()).then(b.max.total_cmp(&a.max)));
@@ -212,19 +211,19 @@ impl Comparison {
         Self { verdict, reasons, measures }
     }
 
-    /// Returns the measure with the largest distance, or if no distances were measured, with the largest difference. Returns `None` if
-    /// nothing differs.
+    /// Returns the measure with the largest distance. If no distances were measured, returns the one with the largest difference. Returns
+    /// `None` if nothing differs.
     pub fn worst(&self) -> Option<&Measure> {
         let differing = self.measures.iter().filter(|m| m.max > 0.0);
         differing.min_by(|a, b| a.rank().cmp(&b.rank()).then(b.max.total_cmp(&a.max)))
     }
 
-    /// Returns the smallest fraction of elements that was compared.
+    /// Returns the fraction of elements that was compared, for the column where it is smallest.
     pub fn compared_fraction(&self) -> f64 {
         self.measures.iter().map(|m| m.compared_fraction).fold(1.0, f64::min)
     }
 
-    /// Returns the comparison as `--json` prints it.
+    /// Returns the comparison as JSON, in the form that the option `--json` prints.
     pub fn to_json(&self) -> serde_json::Value {
         let measures = self.measures.iter().map(|m| {
             json!({
@@ -241,8 +240,8 @@ impl Comparison {
     }
 }
 
-/// Compares two values of any type. Topology and counts are compared first. Even if they differ, differences are measured where that is
-/// possible.
+/// Compares two values of any type. Topology and counts are compared first. Differences are also measured, even if counts differ, where
+/// that is possible.
 pub fn compare(old: &AnyValue, new: &AnyValue, tolerance: &Tolerance) -> Comparison {
     if old.kind() != new.kind() {
         let reason = format!("a {} became a {}", old.kind().name, new.kind().name);
@@ -299,7 +298,7 @@ pub(crate) fn compare_parts(
     Comparison::new(reasons, measures)
 }
 
-/// Describes the facts that differ between two lists of facts.
+/// Describes the facts that differ between an old and a new list. Each fact is a label and a text.
 pub(crate) fn different_facts(old: &[(String, String)], new: &[(String, String)]) -> Vec<String> {
     let mut reasons = Vec::new();
     for (name, before) in old {
@@ -317,7 +316,7 @@ pub(crate) fn different_facts(old: &[(String, String)], new: &[(String, String)]
     reasons
 }
 
-/// Compares two values by their summaries, because their type has no parts.
+/// Compares two values by their summaries. For value types that cannot be split into columns.
 fn compare_summaries(old: &AnyValue, new: &AnyValue) -> Comparison {
     fn facts(value: &AnyValue) -> Vec<(String, String)> {
         value
@@ -334,7 +333,7 @@ fn compare_summaries(old: &AnyValue, new: &AnyValue) -> Comparison {
     Comparison::new(reasons, Vec::new())
 }
 
-/// Returns the unit of the differences in columns of a class.
+/// Returns the unit of differences in a column of this class.
 pub(crate) fn unit(class: Class) -> &'static str {
     match class {
         Class::Position => "mm",

@@ -1,4 +1,4 @@
-//! Checks the laws that every pack must obey. The function [`check`] is called from the tests of a pack.
+//! Checks the laws that every pack (plug-in) must obey. The tests of a pack call [`check`].
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -29,7 +29,7 @@ mod values;
 
 use self::scalars::Scalars;
 
-/// The memory limit of the evaluators, in bytes.
+/// The memory limit of each evaluator, in bytes.
 const MEMORY: usize = 1 << 30;
 
 /// Checks that `pack` obeys these laws:
@@ -41,18 +41,18 @@ const MEMORY: usize = 1 << 30;
 /// 5. Changing any parameter of a node changes the key of its result.
 /// 6. Equal inputs give equal bytes for 1, 2 and 8 threads.
 /// 7. Edge cases of the input types cause errors, not panics.
-/// 8. With its numbers at the ends of their ranges, one by one and together, for the values of its example and for edge cases, a node
-///    finishes, fails with an error, or stops soon after cancellation.
-/// 9. Readers of files return a value or an error for any bytes. They are tested with files that the pack writes, intact and damaged.
+/// 8. A node finishes, fails with an error, or stops soon after cancellation, even if its numbers are at the ends of their ranges. They are
+///    tested one by one and together, with the values of its example and with edge cases.
+/// 9. A reader of files returns a value or an error for any bytes. It is tested with files that the pack writes, intact and damaged.
 /// 10. The outputs of a node have the properties that it promises, for its example and for edge cases that it accepts.
-/// 11. Attributes of meshes, points and range images are handled as the node declares, from each port to each output.
-/// 12. The old names in migrations do not exist any more, and the new names exist.
-/// 13. Updating the result of a node gives the same result and warnings as computing the result from the inputs alone; and a
-///     node that can update its result for unchanged inputs can also update it for changed ones.
+/// 11. A node handles the attributes of meshes, points and range images as it declares, from each port to each output.
+/// 12. The old name in a migration does not exist, and the new name exists.
+/// 13. Updating the result of a node gives the same result and warnings as computing it from the inputs alone. A node that can
+///     update its result for unchanged inputs can also update it for changed ones.
 /// 14. If a format can encode a file in pieces, the pieces equal the corresponding parts of the whole file, wherever they begin
-///     and end; pieces with the same source are equal.
+///     and end. Pieces with the same source are equal.
 ///
-/// `others` are the packs whose nodes the examples use in addition to those of `pack`.
+/// `others` are further packs, whose nodes the examples use.
 ///
 /// # Errors
 /// A message for each broken law.
@@ -87,7 +87,7 @@ fn check_names(pack: &Pack, others: &[&Pack], broken: &mut Vec<String>) {
     for (pack, is_own) in strangers.map(|other| (*other, false)).chain([(pack, true)]) {
         let nodes = pack.nodes.iter().map(|node| (node.name)().into_owned());
         let values = pack.values.iter().map(|value| value.name.to_owned());
-        // A node and a value type may have the same name, such as `ControlNet`. So the kind, `node` or `value`, is part of the entry.
+        // A node and a value type may have the same name, such as `ControlNet`. So the kind (`node` or `value`) belongs to the key.
         let names = nodes.map(|name| ("node", name)).chain(values.map(|name| ("value", name)));
         for (what, name) in names {
             if is_own && !is_camel_case(&name) {
@@ -154,7 +154,7 @@ fn check_documentation(entry: &Entry, broken: &mut Vec<String>) {
                 }
             }
         }
-        // All choices of an enum that have no documentation are in a single list of the schema.
+        // A JSON schema lists the enum variants that have no documentation together under `enum`.
         if content.get("enum").is_some() {
             undocumented.push(format!("the choices of {owner}"));
         }
@@ -179,7 +179,7 @@ fn check_defaults(entry: &Entry, broken: &mut Vec<String>) {
     }
 }
 
-/// Checks the laws that need a graph which contains the node.
+/// Checks the laws that need a graph which contains the node: the node's example.
 fn check_example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<String>) {
     let example = examples.join(format!("{}.ron", entry.name));
     fn load(
@@ -248,7 +248,7 @@ fn check_example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut
     extremes::check(&case, &load, broken);
 }
 
-/// Evaluates a graph and returns the first output of every node.
+/// Evaluates a graph with this number of threads, and returns the first output of every node.
 fn run(graph: &Graph, threads: usize) -> Result<Vec<Option<AnyValue>>, String> {
     let mut evaluator = Evaluator::new(threads, MEMORY).map_err(|error| error.to_string())?;
     let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
@@ -264,10 +264,10 @@ fn run(graph: &Graph, threads: usize) -> Result<Vec<Option<AnyValue>>, String> {
     }
 }
 
-/// Returns changes of parameters. Each is the path of a parameter and another value for it, as RON.
+/// Returns changes of parameters to try. Each is the path of a parameter and another value for it, as RON.
 fn changes(parameters: &Json, schema: &Json) -> Vec<(String, String)> {
     let mut changes = Vec::new();
-    // Only the first four items of a list are changed, because lists may be long and their items are similar.
+    // Change only the first four items of a list, because lists may be long and their items are similar.
     let scalars = Scalars { schema, max_items: 4 };
     scalars.visit(parameters, &mut |path, value, schema| match value {
         Json::Bool(value) => changes.push((path.into(), (!value).to_string())),
@@ -280,7 +280,7 @@ fn changes(parameters: &Json, schema: &Json) -> Vec<(String, String)> {
         }
         Json::String(word) => {
             let others = variants(schema).into_iter().filter(|(name, _)| *name != word);
-            // All fields of a variant may have defaults, so the variant can be written without fields.
+            // Write the variant without fields, because all of them may have defaults.
             changes.extend(others.map(|(name, content): (&str, Option<&Json>)| match content {
                 Some(_) => (path.to_owned(), format!("{name}()")),
                 None => (path.to_owned(), name.to_owned()),
@@ -291,7 +291,7 @@ fn changes(parameters: &Json, schema: &Json) -> Vec<(String, String)> {
     changes
 }
 
-/// Runs the node with each of its inputs replaced by edge cases, one input at a time.
+/// Runs the node with edge cases of its input types, replacing one input of the example at a time.
 fn check_edge_cases(
     entry: &Entry,
     graph: &Graph,
@@ -323,7 +323,7 @@ fn check_edge_cases(
     }
 }
 
-/// The known value types by name, which provide edge cases.
+/// The value types by name. They provide the edge cases.
 struct EdgeCases(HashMap<&'static str, &'static ValueType>);
 
 impl EdgeCases {
@@ -333,15 +333,15 @@ impl EdgeCases {
     }
 }
 
-/// Values by the indices of node and output.
+/// The values of outputs, by the index of the node and the index of its output.
 type Values = BTreeMap<(usize, usize), AnyValue>;
 
-/// Returns the values of a node's links, or `None` if one of them is missing.
+/// Returns the input values of a node, or `None` if one of them is missing.
 fn inputs(node: &GraphNode, values: &Values) -> Option<Vec<AnyValue>> {
     node.links.iter().map(|link| values.get(&(link.node, link.output)).cloned()).collect()
 }
 
-/// Evaluates a graph and returns all outputs of all nodes.
+/// Evaluates a graph, and returns all outputs of all nodes.
 fn run_all(graph: &Graph) -> Result<Values, String> {
     let mut evaluator = Evaluator::new(0, MEMORY).map_err(|error| error.to_string())?;
     let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
@@ -354,12 +354,12 @@ fn run_all(graph: &Graph) -> Result<Values, String> {
         .collect())
 }
 
-/// Evaluates a single node. The error is the message of a panic.
+/// Runs a single node. Failing is not an error, but panicking is: the error is the message of the panic.
 fn run_node(node: &GraphNode, inputs: &[AnyValue], progress: Progress<'_>) -> Result<(), String> {
     evaluate_node(node, inputs, progress).map(|_| ())
 }
 
-/// Evaluates a single node on some values. Returns `None` if the node fails; the error is the message of a panic.
+/// Evaluates a single node with the given inputs. Returns `None` if the node fails. The error is the message of a panic.
 fn evaluate_node(
     node: &GraphNode,
     inputs: &[AnyValue],
@@ -369,7 +369,7 @@ fn evaluate_node(
     Ok(result.ok())
 }
 
-/// Runs code of a node on some values. Returns the result and the warnings; the error is the message of a panic.
+/// Runs code of a node with the given inputs. Returns its result and warnings. The error is the message of a panic.
 fn call_with_context<R>(
     inputs: &[AnyValue],
     progress: Progress<'_>,

@@ -1,10 +1,11 @@
-//! Tests of graphs: compares the outputs of graphs with accepted outputs, the goldens.
+//! Tests of graphs. The outputs of a graph are compared with goldens: outputs that were accepted earlier.
 //!
-//! [`parts`] turns a value into columns of numbers, which [`mod@compare`] compares and [`store`] writes and reads. [`case`] reads test
-//! files. [`suite`] runs the tests of many graphs, each in a session. [`sweep`] reads the files of batches, which run one graph for many
-//! scans and values. [`conformance`] checks the laws that every pack must obey.
+//! [`parts`] turns a value into columns of numbers. [`mod@compare`] compares these columns, and [`store`] writes and reads them. [`case`]
+//! reads test files. [`suite`] runs the tests of many graphs, each in its own session. [`sweep`] reads the files of batches, which run one
+//! graph for many scans and values. [`conformance`] checks the laws that every pack (plug-in) must obey.
 //!
-//! Read `suite.rs` first, then `case.rs`, `store.rs` and `compare.rs`. A golden contains the value of an output, not the output's file.
+//! Read `suite.rs` first, then `case.rs`, `store.rs` and `compare.rs`. A golden contains the value of an output, not a copy of the output's
+//! file.
 //!
 //! This crate contains no command and prints nothing.
 

@@ -1,4 +1,4 @@
-//! A value as named columns of numbers. Goldens store these columns, and comparisons compare them.
+//! Represents a value as named columns of numbers. Goldens store these columns, and comparisons compare them.
 
 use maquette_value as value;
 use maquette_value::{AnyValue, Attributes, ElementKind, Meaning, Range};
@@ -14,7 +14,7 @@ pub(crate) enum Class {
     Number,
     /// Color channels from 0 to 255, compared by the largest difference of a channel.
     Level,
-    /// Whole numbers, which are equal or not.
+    /// Whole numbers, which are either equal or different.
     Exact,
 }
 
@@ -45,21 +45,21 @@ impl From<&value::Part<'_>> for GoldenColumn {
     }
 }
 
-/// The names of the two columns that contain the faces of a mesh. `SIDES` is the number of corners of each face and is missing if all faces
-/// have the same number; `CORNERS` contains the vertices of all corners.
+/// The names of the two columns with the faces of a mesh. `SIDES` contains the number of corners of each face; it is missing if all faces
+/// have the same number. `CORNERS` contains the vertex at each corner of all faces.
 pub(crate) const SIDES: &str = "sides";
 pub(crate) const CORNERS: &str = "corners";
 
-/// A column with `width` numbers for each element.
+/// A column of numbers: for each element (such as a vertex), it has `width` numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct GoldenColumn {
     pub(crate) name: String,
     pub(crate) class: Class,
     pub(crate) width: usize,
-    /// The number of elements in the value. The column contains every `stride`-th of them.
+    /// The number of elements in the value. The column stores every `stride`-th of them.
     pub(crate) count: usize,
     pub(crate) stride: usize,
-    /// True if the column contains the faces of a mesh. A column of another value may have the same name.
+    /// True if the column contains the faces of a mesh. The name does not tell, because other values may have a column with the same name.
     pub(crate) is_faces: bool,
     pub(crate) numbers: Vec<f64>,
 }
@@ -75,36 +75,36 @@ impl GoldenColumn {
         &self.numbers[place * self.width..][..self.width]
     }
 
-    /// Returns a column with every `stride`-th element.
+    /// Returns a copy of the column with every `stride`-th element.
     pub(crate) fn sample(&self, stride: usize) -> Self {
         let elements = self.numbers.chunks(self.width).step_by(stride).flatten();
         Self { numbers: elements.copied().collect(), stride, ..self.clone() }
     }
 
-    /// Returns the range of each component, or `None` for a component without finite numbers.
+    /// Returns the range of each component of the elements, or `None` for a component without finite numbers.
     pub(crate) fn ranges(&self) -> Vec<Option<Range>> {
         value::ranges(&self.numbers, self.width)
     }
 
-    /// Returns the diagonal of the bounding box of all elements; 0 if there are none.
+    /// Returns the diagonal of the bounding box of all elements, or 0 if there are none.
     pub(crate) fn diagonal(&self) -> f64 {
         let sides = self.ranges().into_iter().flatten().map(|range| range.max - range.min);
         sides.map(|side| side * side).sum::<f64>().sqrt()
     }
 }
 
-/// The columns of a value, and its facts. If facts of two values differ, the values are different regardless of the columns.
+/// The columns of a value, and its facts. If facts of two values differ, the values are different, even if their columns are equal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct GoldenParts {
-    /// Counts, sizes and kinds, each with its name.
+    /// Counts, sizes and kinds. Each has a name, such as `vertices`.
     pub(crate) facts: Vec<(String, String)>,
     pub(crate) columns: Vec<GoldenColumn>,
-    /// The number of elements per row, if the elements are pixels or control points.
+    /// The number of elements per row, if the elements form a grid of pixels or control points.
     pub(crate) row: Option<usize>,
 }
 
 impl GoldenParts {
-    /// Returns the parts of a value that are compared, or `None` if the value has no parts.
+    /// Splits a value into the parts that are compared. Returns `None` if its type does not support this.
     pub(crate) fn from_value(value: &AnyValue) -> Option<Self> {
         let parts = value.parts();
         (!parts.is_empty()).then(|| Self {
@@ -123,7 +123,7 @@ impl GoldenParts {
         })
     }
 
-    /// Returns the columns of attributes.
+    /// Returns a column for each attribute.
     pub(crate) fn attribute_columns(attributes: &Attributes) -> Vec<GoldenColumn> {
         attributes.parts("", ElementKind::Vertex).map(|part| GoldenColumn::from(&part)).collect()
     }

@@ -1,10 +1,10 @@
-//! Removes the faulty parts of a test, so that the rest can be checked.
+//! Removes the faulty parts of a test file, so that the rest can be checked.
 
 use maquette_syntax::error::Span;
 use maquette_syntax::{Body, Kind, LocalDiagnostic, Tree};
 
-/// Removes the smallest fields and entries that are broken or contain an error. An item of a list, such as an expectation, is removed as a
-/// whole, because without one of its fields it would have another meaning.
+/// Removes the smallest fields and entries that cannot be parsed or contain an error. An item of a list, such as an expectation, is removed
+/// as a whole, because it would have another meaning without one of its fields.
 pub(super) fn remove_faulty(test: &mut Tree, diagnostics: &[LocalDiagnostic]) {
     prune(test, &diagnostics.iter().map(|diagnostic| diagnostic.span).collect::<Vec<_>>());
 }
@@ -24,7 +24,7 @@ fn prune(tree: &mut Tree, places: &[Span]) {
     }
 }
 
-/// Returns true if there is no error at the name, or at the value as a whole. Faulty parts inside of the value have been removed before.
+/// Returns true if no error is at the name, or at the value as a whole. Faulty parts inside of the value have already been removed.
 fn is_sound(name: Span, value: &Tree, places: &[Span]) -> bool {
     let has_inside = matches!(
         value.kind,

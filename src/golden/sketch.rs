@@ -1,36 +1,36 @@
-//! Sketches: a few numbers that represent a whole column. The sketches of two columns differ by about as much as the columns do.
+//! Sketches: a few numbers that represent a whole column. Two sketches differ by about as much as their columns.
 //!
-//! Each number of a sketch is the sum of the column's numbers with random weights. The squared difference of two such sums is, in the mean,
-//! the sum of the squared differences of all numbers: Johnson and Lindenstrauss, "Extensions of Lipschitz mappings into a Hilbert space"
-//! (1984). A golden may store only some of the numbers, and those rounded. The sketch still shows whether any number has changed, and by
-//! how much in total.
+//! Each number of a sketch is the sum of the column's numbers, multiplied by random weights. On average, the squared difference of two such
+//! sums is the sum of the squared differences of all numbers: Johnson and Lindenstrauss, "Extensions of Lipschitz mappings into a Hilbert
+//! space" (1984). A golden may store only some of the numbers, and those rounded. Even then the sketch shows if any number has changed, and
+//! by how much in total.
 
 use maquette_value::parallel::*;
 use maquette_value::rng::{STEP, mix};
 
-/// The number of sums in a sketch. One sum would show whether anything has changed; four sums show by how much, within a factor of about
-/// two.
+/// The number of sums in a sketch. One sum would show only that something has changed. Four sums also show by how much, within a factor of
+/// about two.
 const SUMS: usize = 4;
 
-/// The number of numbers that are summed at a time. It is fixed, so the sums do not depend on the number of threads.
+/// The number of numbers in a chunk that is summed separately. It is constant, so the result does not depend on the number of threads.
 const CHUNK: usize = 1 << 14;
 
-/// A summary of a column that detects any change.
+/// A summary of a column that shows any change of its numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sketch {
     sums: [f64; SUMS],
-    /// A hash of the bits of all numbers. It detects a change in the last digit of one number, which the sums may miss.
+    /// A hash of the bits of all numbers. It shows a change in the last digit of a number, which the sums may miss.
     bits: u64,
 }
 
 impl Sketch {
-    /// Computes the sketch of some numbers. NaN counts as 0 and infinity as 1, so a change to or from them is detected.
+    /// Computes the sketch of some numbers. NaN counts as 0 and infinity as 1; the hash still shows a change to or from them.
     pub(crate) fn compute(numbers: &[f64]) -> Self {
         fn of_chunk((chunk, numbers): (usize, &[f64])) -> ([f64; 4], u64) {
             let (mut sums, mut bits) = ([0.0; SUMS], 0u64);
             for (k, x) in numbers.iter().enumerate() {
                 let mut state = (chunk * CHUNK + k) as u64;
-                // Adding 0.0 turns negative zero into positive zero.
+                // Add 0.0 to turn negative zero into positive zero.
                 bits = bits.wrapping_add(mix((x + 0.0).to_bits() ^ mix(state)));
                 let x = match x {
                     x if x.is_finite() => *x,
@@ -48,14 +48,14 @@ impl Sketch {
         })
     }
 
-    /// Returns an estimate of the root of the sum of the squared differences of all numbers. It is 0 if no number differs by more than its
-    /// last digits.
+    /// Returns an estimate of the square root of the sum of the squared differences of all numbers. It is 0 if all differences are below
+    /// the resolution of the sums.
     pub(crate) fn distance(&self, other: &Self) -> f64 {
         let squares = self.sums.iter().zip(other.sums).map(|(a, b)| (a - b) * (a - b));
         (squares.sum::<f64>() / SUMS as f64).sqrt()
     }
 
-    /// Formats the sketch with all digits.
+    /// Formats the sketch as text without loss.
     pub(crate) fn to_text(self) -> String {
         let [a, b, c, d] = self.sums.map(f64::to_bits);
         [a, b, c, d, self.bits].map(|word| format!("{word:016x}")).join(" ")
@@ -69,7 +69,7 @@ impl Sketch {
     }
 }
 
-/// Returns the next weight of a sequence. The weights are uniformly distributed between minus and plus the root of 3, so their mean square
+/// Returns the next random weight. The weights are uniformly distributed between minus and plus the square root of 3, so their mean square
 /// is 1.
 fn weight(state: &mut u64) -> f64 {
     const ROOT_OF_3: f64 = 1.732_050_807_568_877_2;
@@ -100,7 +100,7 @@ mod tests {
         unknown[777] = f64::NAN;
         assert!(before.distance(&Sketch::compute(&unknown)) > 1.0);
         assert_eq!(before.distance(&Sketch::compute(&old)), 0.0);
-        // This change is so small that only the hash detects it.
+        // This change is so small that only the hash shows it.
         let mut last = old.clone();
         last[5] *= 1.0 + f64::EPSILON;
         assert_ne!(before, Sketch::compute(&last));

@@ -1,9 +1,9 @@
-//! Goldens: each consists of a summary of a value, which people read in a diff, and of all numbers of the value.
+//! Goldens: accepted values of outputs. A golden consists of a summary, which people read in a diff, and of all numbers of the value.
 //!
-//! The summary contains the value's hash and a hash that does not depend on order, so the two best verdicts (identical and reordered) need
-//! no numbers. A sketch of each column shows whether any of its numbers has changed. The numbers show where a value differs, and by how
-//! much. All entries are stored, however many there are, rounded far below the tolerance. If the test file contains `keep: Sampled(..)`,
-//! only some entries are stored; then every verdict that needs numbers states the fraction of them that was compared.
+//! The summary contains the hash of the value, and a hash that does not depend on the order of elements. So the two best verdicts
+//! (identical and reordered) need no numbers. A sketch of each column shows if any of its numbers has changed. The numbers show where a
+//! value differs, and by how much. All entries are stored, rounded far below the tolerance. If the test file contains `keep: Sampled(..)`,
+//! only some entries are stored. Then every verdict that needs numbers states which fraction of the entries was compared.
 
 use std::path::Path;
 use std::sync::OnceLock;
@@ -35,7 +35,7 @@ mod summary;
 use pack::{EARLIER, StoredNumbers, pack, unpack};
 use summary::{Line, exact, summary};
 
-/// The golden of a value. Its numbers and pictures are decoded only when they are needed.
+/// A golden: the accepted value of an output. Its numbers and pictures are decoded only when they are needed.
 #[derive(Clone, Debug, Default)]
 pub struct Golden {
     pub(crate) lines: Vec<(String, String)>,
@@ -50,7 +50,7 @@ pub struct Golden {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct WrittenFile {
     name: String,
-    /// A description of the file's content, consisting of its length and hash.
+    /// The length and the hash of the file's content, as text.
     content: String,
 }
 
@@ -59,7 +59,7 @@ impl WrittenFile {
         Self { name: file.name.clone(), content: content(&file.bytes) }
     }
 
-    /// Returns a note that describes some files, with one line per file.
+    /// Returns a description of some files, with one line per file.
     pub(crate) fn note(files: &[Self]) -> Vec<u8> {
         files
             .iter()
@@ -80,7 +80,7 @@ impl WrittenFile {
     }
 }
 
-/// Returns the files of a golden. The name of each file is a suffix, to be appended to the golden's name.
+/// Returns the files of a golden. The name of each file is a suffix, which is appended to the golden's name.
 pub(crate) fn files(
     value: &AnyValue,
     outputs: &[WrittenFile],
@@ -96,13 +96,13 @@ pub(crate) fn files(
     );
     let stride = tolerance.keep.stride();
     if let Some(picture) = picture_of(value) {
-        // A picture without pixels cannot be encoded as PNG.
+        // Use an empty file for a picture without pixels, because it cannot be encoded as PNG.
         let bytes = png::encode_rgb(&sample_picture(&picture, stride)).unwrap_or_default();
         files.push(NewFile { name: ".png".into(), bytes });
     } else if let Some(parts) = &parts {
         files.push(NewFile { name: ".bin".into(), bytes: pack(parts, tolerance, stride) });
         let view = View { size: [160, 120], ..View::front() };
-        // If the whole mesh is stored, a picture of it can be rendered when it is needed.
+        // Store a rendered picture only if the mesh is stored in part. A picture of a whole mesh can be rendered when it is needed.
         let mesh = (stride > 1).then(|| value.as_mesh()).flatten();
         let look = mesh.and_then(|mesh| png::encode_rgb(&render(&mesh, &view)).ok());
         files.extend(look.map(|bytes| NewFile { name: ".view.png".into(), bytes }));
@@ -123,27 +123,27 @@ pub(crate) fn files(
     files
 }
 
-/// The label of the summary line with the version of the golden's format.
+/// The label of the summary line that contains the version of the golden's format.
 const FORM: &str = "form";
 const THIS_FORM: &str = "2";
 
-/// The label of the summary line with the tolerances. The numbers of the golden were rounded so that they suffice for these tolerances.
+/// The label of the summary line that contains the tolerances. The stored numbers are rounded just so that they suffice for these.
 const KEPT_FOR: &str = "kept for";
 
-/// The beginning of the labels of the summary lines that describe the other files of the golden, such as `kept in .bin`.
+/// The start of the labels of the summary lines that describe other files of the golden, as in `kept in .bin`.
 const FILE_LABEL: &str = "kept in ";
 
-/// Returns the label of a summary line that describes another file of the golden: `kept in .bin` for the file with the suffix `.bin`.
+/// Returns the label of the summary line about another file of the golden, such as `kept in .bin` for the file with the suffix `.bin`.
 pub(crate) fn file_label(suffix: &str) -> String {
     format!("{FILE_LABEL}{suffix}")
 }
 
-/// Describes the content of a file by its length and hash.
+/// Describes the content of a file by its length and its hash.
 fn content(bytes: &[u8]) -> String {
     format!("{} bytes, {}", bytes.len(), Hash::compute(bytes).short())
 }
 
-/// Describes the limits of a tolerance.
+/// Formats the limits of a tolerance.
 fn bounds(tolerance: &Tolerance) -> String {
     let means = [("rms", tolerance.rms), ("p99", tolerance.p99)];
     let means = means.into_iter().filter_map(|(name, limit)| Some((name, limit?)));
@@ -152,10 +152,10 @@ fn bounds(tolerance: &Tolerance) -> String {
     if all.is_empty() { "what is allowed where nothing is said".into() } else { all.join(", ") }
 }
 
-/// The label of the summary line with the reasons for accepting the golden.
+/// The label of the summary line that contains the reasons for accepting the golden.
 const REASON_LABEL: &str = "accepted because";
 
-/// Returns the summary line with the reasons for accepting a golden, or an empty text if there are no reasons.
+/// Returns the summary line with the reasons `why` for accepting a golden. Without reasons, returns an empty text.
 pub(crate) fn reason_line(why: &[String]) -> String {
     if why.is_empty() { String::new() } else { line(REASON_LABEL, &why.join("; ")) }
 }
@@ -164,7 +164,7 @@ fn line(label: &str, text: &str) -> String {
     format!("{label:<28}  {text}\n")
 }
 
-/// Returns the value as a picture, if it consists only of colors or flags of pixels. Such a value is stored as a picture.
+/// Returns the value as a picture if it consists only of colors or flags of pixels. A golden stores such a value as a picture.
 pub(crate) fn picture_of(value: &AnyValue) -> Option<Image> {
     let parts = value.parts();
     let mut compared = parts.columns.iter().filter(|part| !part.is_hidden);
@@ -180,7 +180,7 @@ pub(crate) fn picture_of(value: &AnyValue) -> Option<Image> {
     Image::new(width, height, pixels).ok()
 }
 
-/// Returns a picture with every n-th pixel of every n-th row.
+/// Returns a picture that contains every `stride`-th pixel of every `stride`-th row.
 pub(crate) fn sample_picture(picture: &Image, stride: usize) -> Image {
     let (columns, rows) =
         ((0..picture.width()).step_by(stride), (0..picture.height()).step_by(stride));
@@ -197,7 +197,7 @@ pub enum GoldenError {
     Damaged(String),
 }
 
-/// Reads the golden `name` from a folder of goldens.
+/// Reads the golden with the name `name` from a folder of goldens.
 pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, GoldenError> {
     fn file(suffix: &str, name: &str, folder: &Path) -> Option<Vec<u8>> {
         fs::read(&folder.join(format!("{name}{suffix}"))).ok()
@@ -205,7 +205,7 @@ pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, GoldenError> {
     fn damaged_error(suffix: &str, name: &str) -> GoldenError {
         GoldenError::Damaged(format!("{name}{suffix} is damaged"))
     }
-    // Returns the error that a file of the golden does not match its `.txt` file. It is unknown which of the two files is wrong.
+    // A file of the golden and its `.txt` file contradict each other. It is unknown which of the two is wrong.
     fn mismatch_error(suffix: &str, name: &str) -> GoldenError {
         GoldenError::Damaged(format!("{name}{suffix} is not what {name}.txt says of it"))
     }
@@ -250,7 +250,7 @@ impl Golden {
         self.lines.iter().find(|(name, _)| name == label).map(|(_, text)| &text[..])
     }
 
-    /// Returns, for each measure by name, the largest difference that was ever accepted.
+    /// Returns the largest difference that was ever accepted for each measure, with the name of the measure.
     pub(crate) fn accepted_differences(&self) -> Vec<(String, f64)> {
         self.lines
             .iter()
@@ -260,13 +260,12 @@ impl Golden {
             .collect()
     }
 
-    /// Returns true if an earlier version of the program wrote the golden in a format whose numbers are not sufficient for a comparison.
+    /// Returns true if an earlier version of the program wrote the golden, in a format whose numbers do not suffice for a comparison.
     pub(crate) fn has_earlier_form(&self) -> bool {
         self.line(FORM) != Some(THIS_FORM)
     }
 
-    /// Returns the reason why the golden would now be stored in another way even if the value is unchanged, or `None` if there is no such
-    /// reason.
+    /// Returns the reason why the golden should be stored again even if the value has not changed, or `None`.
     pub(crate) fn outdated_reason(&self, tolerance: &Tolerance) -> Option<&'static str> {
         if self.has_earlier_form() {
             return Some("has an earlier format, which cannot measure a difference");
@@ -279,7 +278,7 @@ impl Golden {
         other.then_some("was stored for other tolerances")
     }
 
-    /// Returns the reasons for which the golden was accepted.
+    /// Returns the reasons that were given when the golden was accepted.
     pub fn reasons(&self) -> Vec<String> {
         self.line(REASON_LABEL).map(str::to_owned).into_iter().collect()
     }
@@ -289,22 +288,23 @@ impl Golden {
         words.unwrap_or(1)
     }
 
-    /// Returns the stored picture, which may contain only every n-th pixel. For a mesh that was stored only in part, returns its rendering.
+    /// Returns the stored picture, which may contain only every n-th pixel. For a mesh that was stored only in part, this is its rendered
+    /// picture.
     pub(crate) fn picture(&self) -> Option<&Image> {
         self.picture
             .get_or_init(|| png::read(self.png.as_ref().or(self.view.as_ref())?).ok())
             .as_ref()
     }
 
-    /// Returns the numbers that the golden stores. Returns `None` if it has none, or if they are in the earlier format or damaged.
+    /// Returns the stored numbers of the golden. Returns `None` if it has none, or if they are damaged or in an earlier format.
     pub(crate) fn numbers(&self) -> Option<&StoredNumbers> {
         self.numbers
             .get_or_init(|| unpack(self.bin.as_ref().filter(|_| !self.has_earlier_form())?))
             .as_ref()
     }
 
-    /// Returns the distance of each vertex of a mesh from its old position. The old position is that of the nearest stored vertex: nearest
-    /// in the list if the number of vertices is unchanged, otherwise nearest in space.
+    /// Returns the distance of each vertex of a mesh from its old position, which is that of the nearest stored vertex. If the number of
+    /// vertices has not changed, this is the nearest one in the list, otherwise the nearest one in space.
     pub(crate) fn differences(&self, mesh: &Mesh) -> Option<Vec<f64>> {
         let position = &self.numbers()?.column("position")?.part;
         let stored: Vec<Point3<f64>> =
@@ -331,7 +331,7 @@ impl Golden {
         )
     }
 
-    /// Returns the stored mesh, or the stored surface as a mesh. Returns `None` if only a part was stored.
+    /// Returns the stored mesh, or the stored surface as a mesh. Returns `None` if only a part of it was stored.
     pub(crate) fn mesh(&self) -> Option<Mesh> {
         let stored = self.numbers().filter(|_| self.stride() == 1)?;
         match self.line("type")? {

@@ -1,4 +1,4 @@
-//! Runs tests: every case of every graph, in parallel.
+//! Runs tests: every case of every tested graph, in parallel.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
@@ -43,7 +43,7 @@ pub use shared::shared_golden_folders;
 /// The name of the folder of goldens next to a test file.
 const GOLDENS_FOLDER: &str = "goldens";
 
-/// The name of the file among the goldens of a case that lists the nodes of the graph.
+/// The name of the file in a case's folder of goldens that lists the nodes of the graph.
 const NODES_FILE: &str = "nodes.txt";
 
 /// The suffixes that the names of a golden's files can have.
@@ -54,7 +54,7 @@ const SUFFIXES: [&str; 4] = [".txt", ".bin", ".png", ".view.png"];
 pub enum State {
     Passed,
     Failed,
-    /// The graph or its test has errors.
+    /// The graph or the test file has errors.
     Broken,
     /// The case was skipped for this reason.
     Skipped(String),
@@ -74,42 +74,41 @@ pub struct Case {
     pub outputs: Vec<OutputComparison>,
     pub diagnostics: Vec<Diagnostic>,
     pub violations: Vec<Violation>,
-    /// The changes of warnings: warnings that are new, and warnings that are missing.
+    /// Messages about warnings that are new or missing since the goldens were accepted.
     pub warnings: Vec<String>,
-    /// Goldens that belong to no output of the case.
+    /// Goldens in the folder of the case that belong to none of its outputs.
     pub orphans: Vec<PathBuf>,
-    /// Notes for the user that are not failures.
+    /// Notes for the user. They do not make the case fail.
     pub notes: Vec<String>,
     pub trace: RunTrace,
     pub seconds: f64,
-    /// The time for encoding the outputs as files, in seconds.
+    /// The time spent encoding the outputs as files, in seconds.
     pub(crate) file_seconds: f64,
-    /// The present nodes of the graph as text, or `None` if the graph could not be read.
+    /// The nodes that the graph has now, as text. `None` if the graph could not be read.
     nodes: Option<String>,
 }
 
-/// The value of one or more outputs, compared with its golden.
+/// The comparison of the value of one or more outputs with its golden.
 pub struct OutputComparison {
-    /// The golden's name: `node` or `node.output`.
+    /// The name of the golden: `node` or `node.output`.
     pub name: String,
     /// The names of the files to which the value is written.
     pub files: Vec<String>,
     pub comparison: Comparison,
     pub golden: Result<Golden, GoldenError>,
-    /// The reason why the golden would now be stored in another way, even if the value is equal to the golden. `None` if there is no such
-    /// reason.
+    /// The reason why the golden should be stored again even if the value is equal, or `None`.
     pub outdated_reason: Option<&'static str>,
     pub value: AnyValue,
     /// True if accepting the value would change the golden.
     pub(crate) changed: bool,
-    /// The files to which the value was written. The golden lists them.
+    /// Descriptions of the files to which the value was written. The golden contains them.
     files_written: Vec<WrittenFile>,
     accepted_differences: Vec<(String, f64)>,
     tolerance: Tolerance,
 }
 
 impl OutputComparison {
-    /// Returns the files of a new golden for the value. For a large value this takes time.
+    /// Returns the files of a new golden for the value. Computing them takes time if the value is large.
     fn new_files(&self) -> Vec<NewFile> {
         store::files(&self.value, &self.files_written, &self.accepted_differences, &self.tolerance)
     }
@@ -124,7 +123,7 @@ impl Case {
         matches!(self.state, State::Failed | State::Broken)
     }
 
-    /// Returns the reasons for the failure of the case, one per line.
+    /// Returns the reasons why the case failed, one per line.
     pub fn reasons(&self) -> Vec<String> {
         let diagnostics = self.diagnostics.iter().filter(|p| p.severity == Severity::Error);
         let mut reasons: Vec<String> =
@@ -143,7 +142,7 @@ impl Case {
         reasons
     }
 
-    /// Describes the nodes that have changed since the goldens were accepted.
+    /// Describes which nodes have changed since the goldens were accepted.
     pub fn changed_nodes(&self) -> Vec<String> {
         match (self.nodes_before(), &self.nodes) {
             (Some(before), Some(now)) => changed_lines(&before, now),
@@ -189,7 +188,7 @@ impl Case {
         Ok(new.iter().map(|file| file.bytes.len()).sum())
     }
 
-    /// Accepts everything else in a case: its nodes and their warnings. Removes the goldens that belong to no output.
+    /// Accepts the rest of a case: its nodes and their warnings. Also removes the goldens that belong to no output.
     pub fn bless_rest(&self) -> Result<(), WriteError> {
         let destination = Destination::without_links(&self.test_folder, &self.sources);
         if let Some(nodes) = self.nodes.as_ref().filter(|_| !self.outputs.is_empty()) {
@@ -209,27 +208,27 @@ fn write(destination: &Destination<'_>, path: &Path, bytes: &[u8]) -> Result<(),
 /// The settings of a test run.
 pub struct Settings<'a> {
     pub catalog: &'a Catalog,
-    /// Run only the cases whose title contains this text.
+    /// If given, only cases whose title contains this text are run.
     pub filter: Option<&'a str>,
-    /// Run only this part of the selected cases.
+    /// If given, only this part of the selected cases is run.
     pub shard: Option<Shard>,
-    /// For these test files, run only the cases of these graphs.
+    /// For the test files in this map, only the cases of these graphs are run.
     pub graphs: &'a BTreeMap<PathBuf, BTreeSet<PathBuf>>,
-    /// Use no cached results.
+    /// True if no cached results are used.
     pub cold: bool,
-    /// Require that used graphs match the lock files.
+    /// True if used graphs must match the lock files.
     pub locked: bool,
     pub threads: usize,
-    /// Creates a session with one thread. A session runs one case at a time, so cases that run in parallel need different sessions.
+    /// Creates a session with one thread. Each session runs one case at a time, so cases that run in parallel have different sessions.
     pub session: &'a (dyn Fn() -> Result<Session, String> + Sync),
-    /// Called with each session after the session has run its last case.
+    /// Is called with each session after its last case.
     pub finish: &'a (dyn Fn(&Session) + Sync),
 }
 
 /// The report of a test run.
 pub struct Report {
     pub cases: Vec<Case>,
-    /// The errors in test files and in folders of goldens.
+    /// Errors in test files and in folders of goldens.
     pub diagnostics: Vec<Diagnostic>,
     pub orphans: Vec<PathBuf>,
     pub seconds: f64,
@@ -238,12 +237,12 @@ pub struct Report {
 }
 
 impl Report {
-    /// Returns the total time of all nodes that ran, in seconds.
+    /// Returns the time for which nodes ran, in seconds, summed over all cases.
     pub fn node_seconds(&self) -> f64 {
         self.cases.iter().flat_map(|case| &case.trace.0).map(|node| node.seconds).sum()
     }
 
-    /// Returns the total time for encoding the outputs, in seconds.
+    /// Returns the time spent encoding the outputs as files, in seconds, summed over all cases.
     pub fn file_seconds(&self) -> f64 {
         self.cases.iter().map(|case| case.file_seconds).sum()
     }
@@ -259,7 +258,7 @@ impl Report {
     }
 }
 
-/// Runs the tests of these files.
+/// Runs the tests in the given files and folders.
 pub fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, String> {
     let start = Instant::now();
     let mut diagnostics = Vec::new();
@@ -331,31 +330,31 @@ pub fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, String>
     Ok(Report { cases, diagnostics, orphans, seconds, threads })
 }
 
-/// The result of running all tests in a folder.
+/// The result of running all tests of graphs in a folder.
 pub struct TestRun {
     /// The number of passed cases.
     pub passed: usize,
     /// The graphs that were tested.
     pub graphs: Vec<PathBuf>,
-    /// The failures, one message per entry.
+    /// The failures. Each entry is a message about one case.
     pub failures: Vec<String>,
     report: Report,
 }
 
 impl TestRun {
-    /// Returns the page that `maquette test --report` writes. For each result that differs from its golden it shows the old value, the new
-    /// value and the difference.
+    /// Returns the HTML page that `maquette test --report` writes. It shows the old value, the new value and the difference of each result
+    /// that differs from its golden.
     pub fn html(&self) -> String {
         html::page(&self.report)
     }
 
-    /// Returns the document that `maquette test --junit` writes for CI systems.
+    /// Returns the JUnit XML document that `maquette test --junit` writes for CI systems.
     pub fn junit(&self) -> String {
         junit::document(&self.report)
     }
 }
 
-/// Runs all tests of graphs in a folder, `threads` of them at a time, as `maquette test --cold` does.
+/// Runs all tests of graphs in a folder without cached results, as `maquette test --cold` does. `threads` cases run in parallel.
 ///
 /// # Errors
 /// If threads cannot be started.
@@ -391,14 +390,14 @@ pub fn test_graphs(folder: &Path, catalog: &Catalog, threads: usize) -> Result<T
 /// # Errors
 /// If the thread cannot be started.
 pub fn cold_session(catalog: &Arc<Catalog>, max_memory: Option<u64>) -> Result<Session, String> {
-    /// The memory limit of results, in bytes. The results of one case are small, so they fit.
+    /// The maximum size of the results in memory, in bytes. Those of one case fit, because they are small.
     const MEMORY: usize = 1 << 30;
     let none = session::Settings::in_memory();
     let settings = session::Settings { threads: 1, memory: MEMORY, max_memory, ..none };
     Session::with_catalog(catalog.clone(), &settings).map_err(|error| error.to_string())
 }
 
-/// Returns the error that a filter matches no case, with titles that are similar to the filter.
+/// Returns the error that no case matches a filter. It lists titles that are similar to the filter.
 fn no_case(filter: &str, jobs: &[Job<'_>]) -> String {
     const MAX_LISTED: usize = 10;
     let titles: Vec<_> = jobs.iter().map(Job::title).collect();
@@ -423,7 +422,7 @@ fn jobs_of(test: &TestFile) -> Vec<Job<'_>> {
     let beside = test_folder(test);
     let mut jobs = Vec::new();
     for graph in &test.graphs {
-        // The graph may be in a folder above the test file. Even then its goldens are in the folder of the test file.
+        // The goldens are always next to the test file, even if the graph is in a folder above it.
         let place = graph.strip_prefix(beside).unwrap_or(graph).with_extension("");
         let parts = place.components().filter_map(|part| match part {
             Component::Normal(name) => Some(name),

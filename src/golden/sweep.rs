@@ -1,7 +1,7 @@
-//! Sweeps: files that describe runs of one graph for many scans and values.
+//! Sweeps: files that describe many runs of one graph, with different scans and values.
 //!
-//! A `Sweep(..)` lists the values that differ between tasks ([`mod@file`], [`axis`], [`pattern`]). It also determines the names of the
-//! tasks ([`names`]).
+//! A `Sweep(..)` lists the values that differ between its runs, the tasks ([`mod@file`], [`axis`], [`pattern`]). It also determines the
+//! names of the tasks ([`names`]).
 
 pub mod axis;
 pub mod file;

@@ -1,4 +1,4 @@
-//! Code actions: fixing a diagnostic, fixing all diagnostics, refactoring, and inspecting a node.
+//! Code actions: fix one diagnostic, fix all diagnostics, refactor, and inspect a node.
 
 use maquette_edit::resolve_path;
 use maquette_golden::suite::FileKind;
@@ -41,7 +41,8 @@ impl Server {
             let (problems, _) =
                 kind.diagnostics(&subject.path, text.to_owned(), &self.catalog, &subject.options);
             let library = self.library(&subject.path, &subject.options);
-            // A text for a missing field is offered only if it reduces the number of errors. A link that would cause a cycle does not.
+            // Offer a text for a missing field only if it reduces the number of errors. For example, a link that would cause a cycle does
+            // not.
             fn errors(all: &[Diagnostic]) -> usize {
                 all.iter().filter(|problem| problem.severity == Severity::Error).count()
             }
@@ -80,7 +81,7 @@ impl Server {
                 }
             }
         }
-        // The action that fixes all errors is offered only if the editor explicitly requests its kind, as editors do on save.
+        // Offer the action that fixes all errors only if the editor explicitly requests this kind of action, as editors do on save.
         let is_all = only.is_some() && wants("source.fixAll", &only);
         if is_all && kind == FileKind::Graph {
             let (mended, problems) =
@@ -120,7 +121,7 @@ impl Server {
         Ok(self.encode_actions(found))
     }
 
-    /// Converts actions to commands, for editors that support only commands.
+    /// Encodes code actions for the editor. An editor that does not support literal code actions gets commands instead.
     fn encode_actions(&self, actions: Vec<Json>) -> Json {
         if self.client.has_action_literals {
             return actions.into();
@@ -138,10 +139,10 @@ impl Server {
     }
 }
 
-/// `CodeActionTriggerKind.Automatic`: the request was not triggered by the user.
+/// The value `CodeActionTriggerKind.Automatic` of the protocol: the editor sent the request without the user asking for it.
 const AUTOMATIC: u8 = 2;
 
-/// Returns the title of the action that applies the fix of a diagnostic.
+/// Returns the title of the code action that applies the fix of a diagnostic.
 fn title(problem: &Diagnostic) -> String {
     match &problem.fix[..] {
         [(span, new)] if span.start == span.end => format!("Write `{}`", short(new)),
@@ -154,7 +155,7 @@ fn title(problem: &Diagnostic) -> String {
     }
 }
 
-/// Shortens a text for the title of an action.
+/// Shortens a text so that it fits into the title of a code action.
 fn short(text: &str) -> String {
     const MAX_CHARS: usize = 40;
     let line = text.trim().lines().next().unwrap_or_default();

@@ -21,7 +21,7 @@ use super::signature::signature;
 use super::symbols::{flat_symbols, has_letters, symbols};
 use super::{RequestError, Server, Subject};
 
-/// The maximum number of colors or code lenses in an answer. Most editors show no more.
+/// The maximum number of colors or code lenses in one answer. Most editors do not show more.
 const MAX_ITEMS: usize = 2_000;
 
 impl Server {
@@ -107,7 +107,7 @@ impl Server {
             "codeAction/resolve" => self.resolve(params.clone()),
             "textDocument/formatting" => self.answer_document(&uri(params)?, |_, subject| {
                 let formatted = maquette_edit::format_text(&subject.path, subject.lines.text());
-                // An error is not reported here, because it is already published as a diagnostic.
+                // Ignore a syntax error: it is already published as a diagnostic.
                 let edit = formatted.ok().and_then(|text| subject.lines.difference(&text));
                 Ok(json!(Vec::from_iter(edit)))
             }),
@@ -131,7 +131,7 @@ impl Server {
         }
     }
 
-    /// Answers a request about a document. The answer is `null` if the document is not in the language of this server.
+    /// Answers a request about a document. The answer is `null` if the document is not a graph, patch, test or sweep.
     pub(super) fn answer_document(
         &mut self,
         uri: &Uri,
@@ -183,8 +183,8 @@ impl Server {
                 "textEdit": { "range": range, "newText": subject.lines.with_ends(&insert_text(&proposal.insert, snippets)) },
                 "insertTextFormat": if snippets && proposal.insert.contains("$0") { 2 } else { 1 },
             });
-            // By default, editors compare the typed text with the label. If the label does not match, they get another text for the
-            // comparison.
+            // Editors filter the proposals by comparing the typed text with the label. If they would drop this proposal, give them another
+            // text to compare with.
             if !has_letters(&proposal.label, typed) {
                 item["filterText"] = typed.into();
             }
@@ -197,7 +197,7 @@ impl Server {
             item
         };
         let items: Vec<_> = found.list.into_iter().enumerate().map(item).collect();
-        // The list is marked as incomplete, so editors request it again for each typed letter.
+        // Mark the list as incomplete, so that editors request it again after each typed letter.
         Ok(json!({ "isIncomplete": true, "items": items }))
     }
 
@@ -316,7 +316,7 @@ impl Server {
         Ok(json!({ "changes": changes }))
     }
 
-    /// Returns the edits that give files these texts. Files that do not exist are created.
+    /// Returns the edits that change files to the given new texts, in the form of the protocol. Files that do not exist are created.
     pub(super) fn edits(&self, texts: &Texts) -> Json {
         fn is_new(path: &Path, documents: &BTreeMap<std::path::PathBuf, crate::Document>) -> bool {
             !path.exists() && !documents.contains_key(path)
@@ -353,7 +353,7 @@ impl Server {
         Ok(files.into_iter().map(|(span, path): (Span, std::path::PathBuf)| json!({ "range": subject.lines.range(span), "target": self.uri(&path) })).collect())
     }
 
-    /// Returns inlay hints at the end of the first line of each node. They show the results of the last evaluation.
+    /// Returns inlay hints with the results of the last evaluation. Each hint is at the end of the first line of a node.
     fn hints(&mut self, subject: &Subject<'_>, first: u32, last_line: u32) -> Json {
         let text = subject.lines.text();
         if !self.choices.hints {
@@ -384,7 +384,7 @@ impl Server {
         hints.into()
     }
 
-    /// Returns code lenses that run the graph and inspect the nodes of its outputs.
+    /// Returns code lenses: one to run the graph, and one to inspect the node of each output.
     fn lenses(&mut self, subject: &Subject<'_>) -> Result<Json, RequestError> {
         let text = subject.lines.text();
         let lens = |span: Span, title: &str, command: &str, node: Option<&str>| {
@@ -395,7 +395,7 @@ impl Server {
         };
         let start = text.find(first_word(text)).unwrap_or(0);
         let first = Span { start, end: start };
-        // Only graphs and patches can be watched. A file with any other first word, such as an unfinished one, gets no lenses.
+        // Only graphs and patches can be watched. A file of another kind, such as an unfinished one, gets no code lenses.
         let title = match first_word(text) {
             "Sweep" => "run all",
             "Test" => "test",
@@ -427,7 +427,7 @@ impl Server {
     }
 }
 
-/// Returns the text to insert for a proposal. If the client does not support snippets, the cursor mark `$0` is removed.
+/// Returns the text that a proposal inserts. If the editor does not support snippets, removes the cursor mark `$0`.
 fn insert_text(insert: &str, snippets: bool) -> String {
     match insert.contains("$0") {
         true if snippets => {
@@ -441,7 +441,7 @@ fn insert_text(insert: &str, snippets: bool) -> String {
     }
 }
 
-/// Returns Markdown, or plain text if the editor does not support Markdown.
+/// Returns a text as Markdown, or as plain text if the editor does not support Markdown.
 fn markup(words: String, markdown: bool) -> Json {
     if markdown {
         return json!({ "kind": "markdown", "value": words });
@@ -455,7 +455,7 @@ fn folds(lines: &Lines<'_>) -> Json {
     let (brackets, comments) = outline::folds(lines.text());
     let fold = |span: Span, kind: Option<&str>| {
         let (first, last) = (lines.position(span.start).line, lines.position(span.end).line);
-        // The last line of a bracket is not folded, so the closing bracket stays visible.
+        // Do not fold the last line of a bracket, so that the closing bracket stays visible.
         let last = if kind.is_none() { last.saturating_sub(1) } else { last };
         let mut fold = json!({ "startLine": first, "endLine": last });
         if let Some(kind) = kind {
@@ -480,7 +480,8 @@ fn colors(lines: &Lines<'_>) -> Json {
         .collect()
 }
 
-/// Returns the semantic tokens of some lines. The position of each token is relative to the previous one, as the protocol requires.
+/// Returns the semantic tokens (for highlighting) of some lines. The protocol requires that each position is relative to the previous
+/// token.
 fn words(lines: &Lines<'_>, first: u32, last: u32) -> Json {
     let mut data: Vec<u32> = Vec::new();
     let (mut line, mut column) = (0, 0);

@@ -7,7 +7,7 @@ use super::commands::COMMANDS;
 use super::outline::MEANINGS;
 use super::position::Columns;
 
-/// Reads the capabilities that an editor declares. A capability of an unexpected type counts as missing.
+/// Reads the capabilities that an editor declares. A capability with a value of the wrong type counts as missing.
 pub(super) fn of_client(capabilities: &Json) -> ClientCapabilities {
     let can = |way: &str| capabilities.pointer(way) == Some(&Json::Bool(true));
     fn has(way: &str, wanted: &str, capabilities: &Json) -> bool {
@@ -36,8 +36,8 @@ pub(super) fn of_client(capabilities: &Json) -> ClientCapabilities {
         has_action_literals: capabilities
             .pointer("/textDocument/codeAction/codeActionLiteralSupport")
             .is_some_and(Json::is_object)
-            // Each of the following two capabilities implies literal actions: only literal actions can be resolved, and edits that create
-            // files are newer in the protocol than literal actions.
+            // Each of the following two capabilities implies literal code actions. Only literal actions can be resolved later, and edits
+            // that create files are newer in the protocol than literal actions.
             || has("/textDocument/codeAction/resolveSupport/properties", "edit", capabilities)
             || has("/workspace/workspaceEdit/resourceOperations", "create", capabilities),
         has_symbol_trees: can("/textDocument/documentSymbol/hierarchicalDocumentSymbolSupport"),

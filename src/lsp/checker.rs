@@ -24,35 +24,35 @@ use super::position::{Lines, uri_of};
 use super::scope::Scope;
 use super::watcher::{Event, Watcher};
 
-/// An open document in the language of this server.
+/// An open document that is a graph, patch, test or sweep.
 pub(super) struct OpenDocument {
     pub(super) path: PathBuf,
     pub(super) version: i32,
     pub(super) text: Arc<str>,
 }
 
-/// A job of the checker.
+/// A job for the checker thread.
 pub(super) enum Job {
     Check {
         open: Vec<OpenDocument>,
-        /// The URIs of all open documents in the form that the editor uses, by path.
+        /// The URIs of all open documents, by path, exactly as the editor writes them.
         uris: HashMap<PathBuf, Vec<Uri>>,
         options: Options,
     },
-    /// The diagnostics that a run of a graph has found, and the text that was run. They are shown until the text changes.
+    /// The diagnostics that a run of the graph `path` has found, and the text that was run. They are published until the text changes.
     Found { path: PathBuf, text: Arc<str>, diagnostics: FileDiagnostics },
 }
 
-/// Diagnostics, each with the path of its file.
+/// Diagnostics in the format of the protocol, each with the path of its file.
 pub(super) type FileDiagnostics = Vec<(PathBuf, Json)>;
 
 pub(super) struct Checker {
     catalog: Arc<Catalog>,
     client: ClientCapabilities,
     sender: crossbeam_channel::Sender<Message>,
-    /// The URIs for which diagnostics have been published.
+    /// The URIs for which the editor has received diagnostics.
     reported: BTreeSet<String>,
-    /// The diagnostics that runs have found, by the path of the graph, with the text that was run.
+    /// The diagnostics found by runs, by the path of the graph. The text is the one that was run.
     found: BTreeMap<PathBuf, (Arc<str>, FileDiagnostics)>,
     watcher: Watcher,
 }
@@ -71,7 +71,7 @@ impl Checker {
         (jobs, std::thread::spawn(move || checker.work(&received)))
     }
 
-    /// Processes jobs until the channel is closed. If several checks wait, only the newest is made.
+    /// Processes jobs until the channel is closed. If several checks are waiting, only the newest is run.
     fn work(&mut self, jobs: &Receiver<Job>) {
         let mut last = None;
         while let Ok(job) = jobs.recv() {
@@ -152,7 +152,7 @@ impl Checker {
     }
 }
 
-/// Returns the diagnostics of a document, as `maquette check` reports them, and the files on which the diagnostics depend.
+/// Returns the diagnostics of a document, as `maquette check` reports them, and the files on which they depend.
 fn problems(
     document: &OpenDocument,
     catalog: &Catalog,
@@ -161,7 +161,7 @@ fn problems(
     let OpenDocument { path, text, .. } = document;
     let kind = FileKind::detect(path, text);
     let find = || {
-        // `kind.diagnostics` would report the same, but not return the files that the graph reads.
+        // Do not call `kind.diagnostics`: it reports the same, but does not return the files that the graph reads.
         if kind == FileKind::Graph {
             let checked = Graph::load_text(path, text.to_string(), catalog, options);
             let unused = checked.graph.as_ref().map(Graph::unused_warnings).unwrap_or_default();
@@ -179,20 +179,20 @@ fn problems(
         files.extend(folders(&library, text));
         (problems, files)
     };
-    // After a panic the document has no diagnostics, and the checker continues with the next document.
+    // If the check panics, report no diagnostics, and continue with the next document.
     let (problems, mut files) = catch_unwind(AssertUnwindSafe(find)).unwrap_or_default();
     let marker = project_root(path.parent().unwrap_or(Path::new("/"))).join(MARKER);
     files.extend([marker, path.with_extension("pins.ron"), path.with_extension("lock.ron")]);
     (problems, files)
 }
 
-/// Returns the files that a graph consists of or reads, including missing ones.
+/// Returns the files of a graph and the files that it reads. Missing files are included.
 fn read_by(checked: &CheckedGraph) -> BTreeSet<PathBuf> {
     let files = checked.files.iter().map(|file| file.path.clone());
     files.chain(checked.subgraphs.iter().cloned()).collect()
 }
 
-/// Returns the folders in which patterns of a text, such as `scans/*.obj`, search for files.
+/// Returns the folders in which the file patterns of a text, such as `scans/*.obj`, search for files.
 fn folders(library: &Library<'_>, text: &str) -> BTreeSet<PathBuf> {
     let mut found = BTreeSet::new();
     for_each_word(text, |_, passed| {
@@ -206,7 +206,7 @@ fn folders(library: &Library<'_>, text: &str) -> BTreeSet<PathBuf> {
     found
 }
 
-/// Converts a diagnostic to the format of the protocol. The help lines become a part of the message.
+/// Converts a diagnostic to the format of the protocol. The help lines are appended to the message.
 pub(super) fn diagnostic(problem: &Diagnostic, client: ClientCapabilities) -> Json {
     let lines = Lines::new(&problem.source.text, client.columns);
     let range = lines.range(problem.span);
@@ -241,7 +241,7 @@ pub(super) fn diagnostic(problem: &Diagnostic, client: ClientCapabilities) -> Js
         "source": "maquette",
         "message": message,
     });
-    // Editors fade the text of an unused node and strike through a former name.
+    // Set the tags 1 (unnecessary) and 2 (deprecated): editors fade an unused node, and strike through a former name.
     match problem.code {
         code::UNUSED => json["tags"] = json!([1]),
         code::OUTDATED => json["tags"] = json!([2]),

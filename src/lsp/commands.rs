@@ -1,7 +1,8 @@
-//! Commands of the editor. Each command runs in a separate process, so a crash during the evaluation of a graph does not affect the server.
+//! Commands of the editor, such as running a graph. Each command runs in its own process, so a crash during an evaluation does not affect
+//! the server.
 //!
 //! A command runs in the folder of the project and uses the saved files. The server itself evaluates nothing. The shapes, times and sizes
-//! that it shows come from the record that every evaluation writes to disk (`last_run`); a forecast decides which of them are still valid.
+//! that it shows come from the record that every evaluation writes to disk (`last_run`). A forecast decides which of them are still valid.
 
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
@@ -27,16 +28,16 @@ use super::{ClientCapabilities, Server};
 pub(super) const COMMANDS: [&str; 6] =
     ["maquette.run", "maquette.watch", "maquette.stop", "maquette.inspect", "maquette.why", APPLY];
 
-/// The command that applies the edit in its argument. It is for editors whose code actions can only be commands.
+/// The command that applies the edit in its argument. For editors whose code actions can only be commands.
 pub(super) const APPLY: &str = "maquette.apply";
 
-/// The environment variable that contains the id of the parent process. A process that gets it ends when the parent ends.
+/// The environment variable that contains the process id of the parent. A child process ends when that parent ends.
 pub const PARENT: &str = "MAQUETTE_PARENT";
 
-/// The processes that the server runs for the editor.
+/// The child processes that the server runs for the editor.
 pub(super) struct Commands {
     program: PathBuf,
-    /// The arguments that all processes get, such as the cache folder.
+    /// The arguments that every child process gets, such as the cache folder.
     arguments: Vec<String>,
     client: ClientCapabilities,
     sender: crossbeam_channel::Sender<Message>,
@@ -47,13 +48,13 @@ pub(super) struct Commands {
     next: usize,
 }
 
-/// A running process; its result answers a request of the editor.
+/// A running child process. Its result answers a request of the editor.
 struct RunningCommand {
     id: RequestId,
     child: Child,
 }
 
-/// Notifies the editor when an evaluation has ended.
+/// Counts finished evaluations, and notifies the editor of each.
 #[derive(Clone)]
 struct EvaluationNotifier {
     client: ClientCapabilities,
@@ -62,7 +63,7 @@ struct EvaluationNotifier {
 }
 
 impl EvaluationNotifier {
-    /// Asks the editor to request inlay hints and code lenses again.
+    /// Counts a finished evaluation, and asks the editor to request inlay hints and code lenses again.
     fn notify(&self) {
         let count = self.count.fetch_add(1, Ordering::Relaxed);
         let ClientCapabilities { refreshes_hints, refreshes_lenses, .. } = self.client;
@@ -98,20 +99,20 @@ impl Commands {
         }
     }
 
-    /// Returns the number of evaluations that have ended so far.
+    /// Returns the number of evaluations that have ended since the server started.
     pub(super) fn evaluations(&self) -> usize {
         self.notifier.count.load(Ordering::Relaxed)
     }
 
-    /// Returns true while a watch of the graph is running.
+    /// Returns true while a watch of the graph `path` is running.
     pub(super) fn watches(&self, path: &Path) -> bool {
         let mut watches = lock(&self.watches);
-        // Watches that have ended by themselves are removed from the list.
+        // Remove watches that have ended by themselves.
         watches.retain(|_, child| matches!(child.try_wait(), Ok(None)));
         watches.contains_key(path)
     }
 
-    /// Stops the process whose progress has this token.
+    /// Stops the process whose progress the editor shows under this token.
     pub(super) fn cancel(&self, token: &Json) {
         let running = token.as_str().and_then(|token| lock(&self.running).remove(token));
         if let Some(RunningCommand { id, child }) = running {
@@ -120,7 +121,7 @@ impl Commands {
         }
     }
 
-    /// Stops the process whose result would answer a request, and answers that the request was cancelled.
+    /// Stops the process that would answer the request `id`, and answers that the request was cancelled.
     pub(super) fn cancel_request(&self, id: &RequestId) {
         let mut running = lock(&self.running);
         let token = running.iter().find(|(_, it)| it.id == *id).map(|(token, _)| token.clone());
@@ -136,7 +137,7 @@ impl Commands {
         end(child);
     }
 
-    /// Stops all processes.
+    /// Stops all child processes.
     pub(super) fn end(&self) {
         lock(&self.running).drain().for_each(|(_, running)| self.answer_cancelled(running));
         lock(&self.watches).drain().for_each(|(_, child)| end(child));
@@ -159,7 +160,7 @@ fn end(mut child: Child) {
 }
 
 impl Server {
-    /// Runs a command. The request is answered when the command has ended.
+    /// Runs a command. The request `id` is answered when the command has ended.
     pub(super) fn execute(&mut self, id: RequestId, params: &Json) {
         let answer = match self.command(&id, params) {
             Ok(None) => return,
@@ -169,7 +170,7 @@ impl Server {
         let _ = self.sender.send(answer.into());
     }
 
-    /// Runs a command. Returns its answer, or `None` if the command started a process whose result will be the answer.
+    /// Runs a command. Returns its answer, or `None` if the answer comes later, from the process that the command started.
     fn command(&mut self, id: &RequestId, params: &Json) -> Result<Option<Json>, String> {
         let command = params["command"].as_str().unwrap_or_default();
         if command == APPLY {
@@ -226,28 +227,28 @@ impl Server {
     }
 }
 
-/// A description of a process to start for the editor.
+/// The arguments and the graph of a process that is to be started for the editor.
 struct CommandProcess {
     words: Vec<String>,
-    /// The path of the graph, and its text.
+    /// The path of the graph and its text at the start of the process.
     path: PathBuf,
     text: Arc<str>,
-    /// True if the editor shows the result itself.
+    /// True if the editor itself shows the result, not the server.
     shows: bool,
 }
 
 impl Commands {
-    /// Returns the command that starts the program in the project folder of a graph, where outputs are written to `out`.
+    /// Returns the command that starts the program in the project folder of a graph. Outputs are written to `out` in that folder.
     fn program_in(&self, graph: &Path) -> Command {
         let mut program = Command::new(&self.program);
         program.current_dir(project_root(graph.parent().unwrap_or(Path::new("/"))));
         program.stdin(Stdio::null()).stdout(Stdio::piped());
-        // The process gets the id of the server, so that it ends when the server ends.
+        // Tell the child process the id of this server, so that it ends when the server ends.
         program.env(PARENT, std::process::id().to_string());
         program
     }
 
-    /// Starts a process. When the process has ended, its result answers the request.
+    /// Starts a child process. Its result answers the request `id` when the process has ended.
     fn start(&mut self, id: RequestId, verb: &str, work: CommandProcess) -> Result<(), String> {
         let CommandProcess { words, path, text, shows } = work;
         self.next += 1;
@@ -273,7 +274,7 @@ impl Commands {
             }
             let error = std::thread::spawn(move || read_stream(err));
             let (out, error) = (read_stream(out), error.join().unwrap_or_default());
-            // If the process is not in the list any more, it was cancelled and the request has been answered.
+            // If the process is missing from the list, it was cancelled and the request is already answered.
             let running = lock(&running).remove(&token);
             let is_cancelled = running.is_none();
             running.into_iter().for_each(|mut it| drop(it.child.wait()));
@@ -310,7 +311,7 @@ impl Commands {
         format!("cannot run {}: {error}", self.program.display())
     }
 
-    /// Starts a watch that serves the live page, and returns the URL of the page.
+    /// Starts a watch of a graph, which serves the live page, and returns the URL of that page.
     fn watch(&self, path: &Path, roots: &[String]) -> Result<String, String> {
         if let Some(old) = lock(&self.watches).remove(path) {
             end(old);
@@ -342,7 +343,7 @@ impl Commands {
             end(child);
             return Err(format!("{} cannot be watched: run it to see why", path.display()));
         };
-        // The output must be read: a watch ends when its output is closed.
+        // Keep reading the output of the process: a watch ends when its output is closed.
         let news = self.notifier.clone();
         std::thread::spawn(move || {
             for line in out.lines().map_while(Result::ok) {
@@ -362,7 +363,7 @@ fn read_stream(stream: Option<impl Read>) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-/// Returns the diagnostics of a run that a check cannot find: errors and warnings of nodes, and failed expectations.
+/// Returns the diagnostics of a run that a check without evaluation cannot find: errors and warnings of nodes, and failed expectations.
 fn diagnostics(
     document: &Json,
     graph: &Path,

@@ -15,19 +15,19 @@ mod values;
 /// A proposal for completing the typed text.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Proposal {
-    /// The label, which is also compared with the typed text.
+    /// The label that the editor shows and compares with the typed text.
     pub(super) label: String,
     /// The text to insert; `$0` marks the position of the cursor after the insertion.
     pub(super) insert: String,
     pub(super) kind: ProposalKind,
-    /// The type of the proposed thing, on one line.
+    /// The type of the proposed node, field or value, on one line.
     pub(super) detail: String,
     pub(super) doc: String,
-    /// The rank for sorting. The most likely proposals have the lowest rank.
+    /// The rank for sorting. The most likely proposal has the lowest rank.
     rank: usize,
 }
 
-/// The kind of a proposal.
+/// The kind of a proposal, which determines its icon in the editor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ProposalKind {
     Field,
@@ -41,7 +41,7 @@ pub(super) enum ProposalKind {
     Keyword,
 }
 
-/// The proposals for a position, the most likely first, and the span of the text that a proposal replaces.
+/// The proposals for a position, the most likely first, and the span of text that each of them replaces.
 pub(super) struct Proposals {
     pub(super) span: Span,
     pub(super) list: Vec<Proposal>,
@@ -75,9 +75,9 @@ fn is_text(cursor: &Cursor) -> bool {
     cursor.typed.kind == TypedKind::Text
 }
 
-/// Returns the span that a proposal replaces. It is the word or string at the cursor; within an expression, the word in the string; and if
-/// the string does not end on this line, the part before the cursor. Returns `None` in a comment, and in a string that begins on an earlier
-/// line.
+/// Returns the span of text that a proposal replaces. This is the word or string at the cursor. In an expression (a string), it is the word
+/// at the cursor. If the string has no end on this line, it is the part before the cursor. Returns `None` in a comment, and in a string
+/// that begins on an earlier line.
 fn replacement_span(text: &str, cursor: &Cursor, slot: &ExpectedSyntax, at: usize) -> Option<Span> {
     let Span { start, end } = cursor.typed.span;
     match cursor.typed.kind {
@@ -100,8 +100,8 @@ fn replacement_span(text: &str, cursor: &Cursor, slot: &ExpectedSyntax, at: usiz
     }
 }
 
-/// Filters proposals by the typed text, and sorts them: first those whose label begins with the text, then those whose label contains it,
-/// then those whose label contains its letters in order, then nodes whose description matches.
+/// Filters proposals by the typed text, and sorts them by how well they match. First come labels that begin with the text, then labels that
+/// contain it, then labels that contain its letters in order. Last come nodes whose description matches.
 fn rank(list: &mut Vec<Proposal>, typed: &str) {
     let typed = typed.to_lowercase();
     fn distance(it: &Proposal, typed: &str) -> Option<i32> {
@@ -113,17 +113,17 @@ fn rank(list: &mut Vec<Proposal>, typed: &str) {
             None => is_described_with(it, typed).then_some(3),
         }
     }
-    // A label that contains a line break comes from an unterminated string.
+    // Drop labels with a line break, which come from a string without an end.
     list.retain(|it| distance(it, &typed).is_some() && !it.label.contains(['\n', '\r']));
     list.sort_by_cached_key(|proposal| (distance(proposal, &typed), proposal.rank));
     let mut seen = BTreeSet::new();
     list.retain(|proposal| seen.insert((proposal.label.clone(), proposal.insert.clone())));
 }
 
-/// Returns true if the description of a node contains a word that begins with the typed text. So a term of another program finds the node:
-/// "decimate" finds `Simplify`.
+/// Returns true if the description of a node contains a word that begins with the typed text. So users find a node by the term of another
+/// program: for example, "decimate" finds `Simplify`.
 fn is_described_with(it: &Proposal, typed: &str) -> bool {
-    // Shorter words would match most descriptions.
+    // Shorter texts would match most descriptions.
     const MIN_LETTERS: usize = 4;
     let is_meant = it.kind == ProposalKind::Node && MIN_LETTERS <= typed.chars().count();
     is_meant
@@ -152,12 +152,12 @@ impl Search<'_> {
         self.text[self.cursor.typed.span.end.max(self.at)..].trim_start()
     }
 
-    /// Returns `name` with parentheses. They are left out if parentheses already follow the word at the cursor.
+    /// Returns the text to insert for a call of `name`. Parentheses are added unless they already follow the word at the cursor.
     fn call(&self, name: &str) -> String {
         if self.text_after().starts_with('(') { name.to_owned() } else { format!("{name}($0)") }
     }
 
-    /// Quotes a text, unless the cursor is already inside quotes.
+    /// Puts a text in quotes, unless the cursor is already inside of quotes.
     fn quote(&self, text: &str) -> String {
         if is_text(self.cursor) { text.to_owned() } else { format!("\"{text}\"") }
     }
@@ -219,7 +219,7 @@ impl Search<'_> {
             .collect()
     }
 
-    /// Returns the possible keys of a map, each with a description.
+    /// Returns the keys that a map of this kind can have, each with a description.
     fn named_entries(&self, keys: Keys) -> Vec<(String, String)> {
         let about = || self.library.target(self.scope);
         fn entries(all: &[Declaration]) -> Vec<(String, String)> {
@@ -325,7 +325,7 @@ impl Search<'_> {
         found
     }
 
-    /// Proposes links to values of these types. Nodes that nothing uses yet come first, then the nearest nodes.
+    /// Proposes links to values of the given types. First come nodes that no other node uses, then the nodes nearest to the cursor.
     fn links(&self, types: &[String]) -> Vec<Proposal> {
         let own = self.cursor.frames.get(1).and_then(|section| section.field.as_ref());
         let own = own.filter(|_| self.cursor.frames.len() > 2).map(|name| &name.text[..]);
@@ -360,7 +360,7 @@ impl Search<'_> {
         found
     }
 
-    /// Returns all strings in the text, except keys and the string at the cursor.
+    /// Returns all strings in the text except keys and the string at the cursor.
     fn texts(&self) -> BTreeSet<String> {
         let mut texts = BTreeSet::new();
         for_each_word(self.text, |_, passed| match passed {
@@ -372,8 +372,7 @@ impl Search<'_> {
         texts
     }
 
-    /// Returns the outputs of a node or an input, each with the possible types of its value. The list of types is empty if they are not
-    /// known.
+    /// Returns the outputs of a node or input, each with the possible types of its value. The list of types is empty if they are unknown.
     fn outputs(&self, node: &Declaration) -> Vec<(String, Vec<String>)> {
         if self.scope.inputs.iter().any(|input| std::ptr::eq(input, node)) {
             return vec![(String::new(), vec![node.kind.clone()])];
@@ -388,7 +387,7 @@ impl Search<'_> {
         outputs.collect()
     }
 
-    /// Proposes subjects for an expectation: the outputs of the graph, then links.
+    /// Proposes values that an expectation can be about: first the outputs of the graph, then links to nodes.
     fn expectation_proposals(&self) -> Vec<Proposal> {
         let scope_outputs = match &self.scope.file[..] {
             "Test" => self
@@ -415,7 +414,7 @@ impl Search<'_> {
     }
 }
 
-/// Returns the text to insert after the name of a field, such as an opening bracket.
+/// Returns the text to insert after the name of a field, such as quotes or brackets. `$0` marks the cursor.
 fn opening(slot: &ExpectedSyntax) -> &'static str {
     match slot {
         ExpectedSyntax::Link(_)

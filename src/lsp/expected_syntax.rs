@@ -1,5 +1,5 @@
-//! Determines what may be written at a position. The text is read from the outermost bracket inwards; the schemas of nodes and the keywords
-//! say what each bracket may contain.
+//! Determines what may be written at a position of a graph file. The brackets around the position are followed from the outermost one
+//! inwards. The schemas of nodes and the keywords define what each bracket may contain.
 
 use std::borrow::Cow;
 use std::rc::Rc;
@@ -16,43 +16,43 @@ use super::scope::Scope;
 pub(super) enum ExpectedSyntax {
     /// The file as a whole, such as `Graph(..)` or `Test(..)`.
     File,
-    /// A value that `schema` describes; `root` is the document with the definitions to which the schema refers.
+    /// A value that the JSON schema `schema` describes. `root` is the document with the definitions to which the schema refers.
     Value { schema: Rc<Json>, root: Rc<Json> },
     /// A link to a value of one of these types. If the list is empty, the value may have any type.
     Link(Vec<String>),
-    /// A node: `Threshold(..)`.
+    /// A node, such as `Threshold(..)`.
     Node,
     /// The name of a node type in quotes, as in `ForEach(graph: "Feature")`.
     NodeType,
-    /// The type of an input of the graph.
+    /// The declaration of an input of the graph.
     Input,
     /// The declaration of a parameter of the graph.
     Parameter,
-    /// A used graph: its path, or `Graph("path", version: "..")`.
+    /// A graph that the file uses, as its path or as `Graph("path", version: "..")`.
     Use,
     /// The name of a parameter of the graph.
     ParameterName,
     /// An expression that uses parameters.
     Expression,
-    /// Properties that a value of this type can have. If the name is empty, the value may have any type.
+    /// Properties that a value of the named type can have. An empty name stands for any type.
     Property(String),
     /// The path of a file with one of these extensions. If the list is empty, the file may have any extension.
     Path(Vec<String>),
-    /// The subject of an expectation: the name of an output, or a link.
+    /// The value that an expectation is about: the name of an output, or a link to a node.
     Expected,
-    /// A name from the graph that this file patches or tests.
+    /// A name that is declared in the graph that this file patches or tests.
     Name(Keys),
-    /// The value of the field `over` of a `ForEach`, with the fields of its forms in parentheses.
+    /// The value of the field `over` of a `ForEach`. Its forms in parentheses have these fields.
     Over(Rc<Vec<FieldInfo>>),
-    /// One of several keywords, each with its documentation.
+    /// One of several keywords. Each has its documentation.
     Words(Rc<Vec<(String, String)>>),
     /// Fields in parentheses. A name may precede the parentheses.
     Group(Rc<Vec<FieldInfo>>),
-    /// A list whose items are of this kind.
+    /// A list whose items are all of this kind.
     List(Rc<Self>),
-    /// A map with keys and values of these kinds.
+    /// A map whose keys and values are of these kinds.
     Map(Keys, Rc<Self>),
-    /// An unknown kind of value.
+    /// A value of unknown kind.
     Any,
 }
 
@@ -61,24 +61,24 @@ pub(super) enum ExpectedSyntax {
 pub(super) enum Keys {
     /// Names that the author of the file chooses.
     Own,
-    /// Names of packs of the program.
+    /// Names of the program's packs.
     Packs,
     /// Names of outputs of this graph.
     Outputs,
-    /// Names from the graph that this file patches or tests: its parameters, nodes, inputs or outputs.
+    /// Names that are declared in the graph that this file patches or tests: its parameters, nodes, inputs or outputs.
     TargetParams,
     TargetNodes,
     TargetInputs,
     TargetOutputs,
-    /// Parameters of the graph that this file patches or tests, and fields of its nodes as `node.field`.
+    /// Parameters of the graph that this file patches or tests, and fields of its nodes, written as `node.field`.
     TargetValues,
 }
 
 /// The content of a pair of brackets.
 pub(super) enum BracketContent {
-    /// The fields of a call, with the name of the call.
+    /// The name of a call, and the fields that it may have.
     Fields(String, Rc<Vec<FieldInfo>>),
-    /// Keys of this kind, each with a value.
+    /// Map entries with keys of this kind.
     Entries(Keys),
     /// A sequence of values.
     Items,
@@ -91,12 +91,12 @@ pub(super) struct FieldInfo {
     pub(super) name: String,
     pub(super) slot: ExpectedSyntax,
     pub(super) required: bool,
-    /// The type and the default of the field on one line: `number from 0 mm = 2.0`.
+    /// The type and the default of the field on one line, such as `number from 0 mm = 2.0`.
     pub(super) takes: String,
     pub(super) doc: String,
 }
 
-/// Returns the fields that a schema describes, including ports.
+/// Returns the fields that a node's JSON schema describes, including its ports.
 pub(super) fn fields_of(schema: &Json, root: &Rc<Json>) -> Rc<Vec<FieldInfo>> {
     let required = schema["required"].as_array().into_iter().flatten().filter_map(Json::as_str);
     let required = required.collect::<Vec<_>>();
@@ -114,7 +114,7 @@ pub(super) fn fields_of(schema: &Json, root: &Rc<Json>) -> Rc<Vec<FieldInfo>> {
     )
 }
 
-/// Describes the type and the default of a field on one line.
+/// Describes the type and the default of a field on one line, such as `number from 0 mm = 2.0`.
 pub(super) fn takes(field: &Json, root: &Json) -> String {
     fn types(port: &Json) -> String {
         let types = port["types"].as_array().into_iter().flatten().filter_map(Json::as_str);
@@ -127,7 +127,7 @@ pub(super) fn takes(field: &Json, root: &Json) -> String {
     }
 }
 
-/// Returns the kind of value that a schema allows.
+/// Returns the kind of value that a JSON schema allows.
 pub(super) fn slot_of(schema: &Json, root: &Rc<Json>) -> ExpectedSyntax {
     let schema = resolve_field(schema, root);
     fn strings(list: &Json) -> Vec<String> {
@@ -154,7 +154,7 @@ pub(super) fn slot_of(schema: &Json, root: &Rc<Json>) -> ExpectedSyntax {
     ExpectedSyntax::Value { schema: Rc::new(schema.into_owned()), root: root.clone() }
 }
 
-/// Returns the kind of name that a string with this schema format contains, or `None` if it is not a name.
+/// Returns the kind of name that a string with this schema format contains, or `None` if the string is not a name.
 fn names_of(format: &Json) -> Option<Keys> {
     match format.as_str()? {
         "target" => Some(Keys::TargetValues),
@@ -164,14 +164,14 @@ fn names_of(format: &Json) -> Option<Keys> {
     }
 }
 
-/// Determines the expected syntax by following the brackets from the outermost one inwards.
+/// Determines what may be written at a position, by following the brackets from the outermost one inwards.
 pub(super) struct SyntaxResolver<'a> {
     pub(super) library: &'a Library<'a>,
     pub(super) scope: &'a Scope,
 }
 
 impl SyntaxResolver<'_> {
-    /// Returns the content of the innermost bracket, and the kind of value at the position, if its field is known.
+    /// Returns the content of the innermost bracket, and the kind of value that is expected at the position.
     pub(super) fn resolve(&self, frames: &[Frame]) -> (BracketContent, ExpectedSyntax) {
         let (mut slot, mut within) = (ExpectedSyntax::File, BracketContent::Unknown);
         for (depth, frame) in frames.iter().enumerate() {
@@ -180,8 +180,8 @@ impl SyntaxResolver<'_> {
         (within, slot)
     }
 
-    /// Returns the content of the bracket `frame`, and the kind of value at the position in it. `slot` is the kind of the value that the
-    /// bracket belongs to; `around` are the outer brackets.
+    /// Returns the content of the bracket `frame`, and the kind of value expected at the position in it. `slot` is the kind of value of
+    /// which the bracket is a part, and `around` are the outer brackets.
     fn content_of(
         &self,
         slot: &ExpectedSyntax,
@@ -241,7 +241,7 @@ impl SyntaxResolver<'_> {
         }
     }
 
-    /// Like `content_of`, for a bracket that belongs to a value with a schema.
+    /// Does the work of `content_of` for a bracket that is part of a value with a JSON schema.
     fn value(
         &self,
         schema: &Json,
@@ -278,7 +278,7 @@ impl SyntaxResolver<'_> {
         }
     }
 
-    /// Returns the kind of value that belongs to a key. Returns `None` if it does not depend on the key.
+    /// Returns the kind of value that belongs to a map key, or `None` if all keys have values of the same kind.
     fn value_of(&self, keys: Keys, key: &str) -> Option<ExpectedSyntax> {
         if !matches!(keys, Keys::TargetParams | Keys::TargetNodes | Keys::TargetValues) {
             return None;
@@ -293,7 +293,7 @@ impl SyntaxResolver<'_> {
         }
     }
 
-    /// Returns the kind of value that a path of field names leads to, starting at a value of the kind `slot`.
+    /// Returns the kind of value to which a path of field names leads. The path starts at a value of the kind `slot`.
     fn follow_path(&self, slot: ExpectedSyntax, way: &str) -> Option<ExpectedSyntax> {
         way.split('.').filter(|step| !step.is_empty()).try_fold(slot, |slot, step| {
             let fields = match &slot {
@@ -305,7 +305,7 @@ impl SyntaxResolver<'_> {
         })
     }
 
-    /// Returns the fields that a node may have; `around` are the brackets around the node.
+    /// Returns the fields that a node of type `name` may have. `around` are the brackets around the node.
     fn node_fields(&self, name: &str, around: &[Frame]) -> Rc<Vec<FieldInfo>> {
         let node = around.last().and_then(|nodes| nodes.field.as_ref());
         let declared = node.and_then(|node| self.scope.node(&node.text));
@@ -323,7 +323,7 @@ impl SyntaxResolver<'_> {
     }
 }
 
-/// Returns the fields of a `Draft(..)` that stands for a value of this kind.
+/// Returns the fields of a `Draft(..)` that is written instead of a value of the kind `slot`.
 fn draft_fields(slot: &ExpectedSyntax) -> Vec<FieldInfo> {
     fn side(name: &str, doc: &str, slot: &ExpectedSyntax) -> FieldInfo {
         FieldInfo {

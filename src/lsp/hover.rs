@@ -1,4 +1,4 @@
-//! Hover: documentation of the word at a position.
+//! Hover: the documentation of the word under the pointer.
 
 use maquette_syntax::error::Span;
 use maquette_syntax::{Cursor, TypedKind, cursor, unit_names, variants};
@@ -9,14 +9,14 @@ use super::last_run::LastRun;
 use super::library::{Library, NodeKind};
 use super::scope::{Declaration, Scope};
 
-/// Returns the documentation of the word at a position as Markdown, and the span of the word.
+/// Returns the documentation of the word at the offset `at` as Markdown, and the span of the word.
 pub(super) fn hover(
     library: &Library<'_>,
     text: &str,
     at: usize,
     last: &LastRun,
 ) -> Option<(Span, String)> {
-    // The cursor is assumed at the end of the word, because only the text before a cursor counts as typed.
+    // Put the cursor at the end of the word, because only the text before a cursor counts as typed.
     let whole = cursor(text, at).typed;
     if matches!(whole.kind, TypedKind::Nothing | TypedKind::Comment)
         || whole.span.start == whole.span.end
@@ -39,7 +39,7 @@ struct Hover<'a> {
     cursor: &'a Cursor,
     last: &'a LastRun,
     word: &'a str,
-    /// The byte offset of the pointer within the word.
+    /// The byte offset of the pointer from the start of the word.
     at: usize,
 }
 
@@ -64,7 +64,7 @@ impl Hover<'_> {
         }
     }
 
-    /// Describes a name that the author of the file has chosen.
+    /// Describes a name that the file declares, such as the name of a node or parameter.
     fn key(&self) -> Option<String> {
         let section = self.cursor.frames.get(1).filter(|_| self.cursor.frames.len() == 2);
         section?;
@@ -119,7 +119,7 @@ impl Hover<'_> {
         }
     }
 
-    /// Describes a word that is a value: an enum variant, a unit or a keyword.
+    /// Describes an enum variant, a unit or a keyword.
     fn choice(&self, schema: &Json, root: &Json) -> Option<String> {
         if unit_names().any(|unit| unit == self.word) {
             return Some(format!(
@@ -175,7 +175,7 @@ impl Hover<'_> {
         self.library.kind(self.scope, name)
     }
 
-    /// Describes a node type: its purpose, ports, parameters and outputs.
+    /// Describes a node type: its purpose, ports, parameters, and outputs.
     fn kind(&self, name: &str) -> Option<String> {
         let kind = self.library.kind(self.scope, name)?;
         let fields = fields_of(&kind.schema, &kind.schema);
@@ -208,7 +208,7 @@ impl Hover<'_> {
     }
 }
 
-/// Returns the documentation of a keyword; `within` is the call or field that contains it.
+/// Returns the documentation of a keyword. `within` is the name of the call or field that contains it.
 fn of_language(within: &str, word: &str) -> Option<String> {
     let doc = Library::word(within, word);
     (!doc.is_empty()).then(|| format!("**{word}**\n\n{doc}"))

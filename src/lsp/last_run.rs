@@ -1,4 +1,4 @@
-//! The record of a graph's last evaluation by any process. It contains shapes, times and sizes of results, but no values.
+//! The record of the last evaluation of a graph, by any process. It contains shapes, times and sizes of results, but not their values.
 
 use std::fmt::Write;
 
@@ -8,14 +8,14 @@ use maquette_graph::Graph;
 
 use super::expected_syntax::takes;
 
-/// The record of a graph's last evaluation.
+/// The record of the last evaluation of a graph.
 #[derive(Default)]
 pub(super) struct LastRun {
     graph: Option<Graph>,
     results: Vec<Option<LastResult>>,
 }
 
-/// The shape, time and size of a result: the value of a node or of an output.
+/// The shape, time and size of a result: the outputs of a node, or a single output.
 pub(super) struct ResultSummary {
     shape: String,
     seconds: f64,
@@ -24,14 +24,15 @@ pub(super) struct ResultSummary {
 }
 
 impl LastRun {
-    /// Loads the record of a graph. Nothing is evaluated.
+    /// Loads the record of the last evaluation of a graph. Nothing is evaluated.
     pub(super) fn load(graph: &Graph, session: &mut Session) -> Self {
         let graph = session.with_last_counts(graph);
         let results = session.last_results(&graph);
         Self { graph: Some(graph), results }
     }
 
-    /// Returns the summary for a link, or for the name of a node. For a used graph, the time and the size are the totals of its nodes.
+    /// Returns the summary for a link or a node name. For a node that uses another graph, the time and size are totals of that graph's
+    /// nodes.
     pub(super) fn summary(&self, link: &str) -> Option<ResultSummary> {
         let graph = self.graph.as_ref()?;
         let name = link.split('.').next()?;
@@ -49,7 +50,7 @@ impl LastRun {
         })
     }
 
-    /// Describes the result in a sentence. The text is empty if nothing is known.
+    /// Describes the result of a link in a sentence. Returns an empty text if nothing is known about it.
     pub(super) fn describe(&self, link: &str) -> String {
         let Some(summary) = self.summary(link) else { return String::new() };
         let when =
@@ -60,7 +61,7 @@ impl LastRun {
         format!("{when}: {shape}{gap}{time}, {size}")
     }
 
-    /// Describes a parameter: its type and documentation.
+    /// Returns the type and the documentation of a parameter of the graph.
     pub(super) fn parameter(&self, name: &str) -> Option<(String, String)> {
         let schema = self.graph.as_ref()?.schema();
         let field = schema.get("properties")?.get(name)?;
@@ -70,7 +71,7 @@ impl LastRun {
 }
 
 impl ResultSummary {
-    /// Formats the summary for an inlay hint: `1024 x 768, 12 ms`.
+    /// Formats the summary for an inlay hint, such as `1024 x 768, 12 ms`.
     pub(super) fn format_short(&self) -> String {
         let mut words = self.shape.clone();
         let gap = if words.is_empty() { "" } else { ", " };

@@ -1,10 +1,11 @@
 //! The language server, and the manual of the graph language.
 //!
 //! `position` converts the columns and URIs of the editor to byte offsets and paths, and back. `scope` finds the names that a text
-//! declares, and `expected_syntax` determines what may be written at a position. `project` finds names in all files. `checker` is the
-//! thread that publishes diagnostics. [`manual`] has one text per topic, for `maquette help` and `docs/language.md`.
+//! declares. `expected_syntax` determines what may be written at a position. `project` finds names in all files of a project. `checker` is
+//! the thread that publishes diagnostics. [`manual`] has one text per topic, for `maquette help` and `docs/language.md`.
 //!
-//! `transport` reads and writes messages; `process` monitors the process of the editor, and `watcher` the files of documents.
+//! `transport` reads and writes messages. `process` notices when the editor ends, and `watcher` when files change on which documents
+//! depend.
 //!
 //! Read `server.rs` first, then `answers.rs`. The Language Server Protocol is used only in this crate; edits are computed by
 //! `maquette-edit`.

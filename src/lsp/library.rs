@@ -1,4 +1,4 @@
-//! The definitions to which a file may refer: node types, the graphs that it uses, patches or tests, and keywords.
+//! The definitions to which a file may refer: node types, keywords, and the graphs that the file uses, patches or tests.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -17,30 +17,30 @@ use super::expected_syntax::{ExpectedSyntax, FieldInfo, Keys, fields_of, slot_of
 use super::scope::Scope;
 use crate::manual::TOPICS;
 
-/// A node type: built in, or a graph that the file uses.
+/// A node type: either built in, or a graph that the file uses as a node.
 pub(super) struct NodeKind {
-    /// The schema of the inputs and parameters.
+    /// The JSON schema of the inputs and parameters.
     pub(super) schema: Rc<Json>,
     /// The names of the outputs, each with the possible types of its value.
     pub(super) outputs: Vec<(String, Vec<&'static str>)>,
     pub(super) promises: Vec<(String, String)>,
     /// A description of how reproducible the results are.
     pub(super) exactness: String,
-    /// The pack of the node, or the path of the used graph as written in the file.
+    /// The name of the pack that defines the node, or the path of the used graph as the file writes it.
     pub(super) from: String,
-    /// The file of the used graph; `None` for a built-in node.
+    /// The path of the used graph; `None` for a built-in node.
     pub(super) file: Option<PathBuf>,
 }
 
-/// The graph that a patch or test refers to.
+/// The graph that a patch or test file is about.
 pub(super) struct TargetGraph {
     path: PathBuf,
     pub(super) scope: Scope,
-    /// The schema of the inputs and parameters; `None` if the graph has errors.
+    /// The JSON schema of the graph's inputs and parameters; `None` if the graph has errors.
     schema: Option<Rc<Json>>,
 }
 
-/// The definitions to which one file may refer.
+/// The definitions to which a single file may refer.
 pub(super) struct Library<'a> {
     pub(super) catalog: &'a Catalog,
     /// The path of the file.
@@ -55,12 +55,12 @@ impl<'a> Library<'a> {
         Self { catalog, path, options, kinds: RefCell::default(), about: RefCell::default() }
     }
 
-    /// Resolves a path relative to this file.
+    /// Resolves a path that is given relative to the folder of this file.
     pub(super) fn resolve(&self, given: &str) -> PathBuf {
         sibling_path(self.path, given)
     }
 
-    /// Returns the node type with this name.
+    /// Returns the node type with this name, or `None` if neither a pack nor the file defines it.
     pub(super) fn kind(&self, scope: &Scope, name: &str) -> Option<Rc<NodeKind>> {
         if let Some(known) = self.kinds.borrow().get(name) {
             return known.clone();
@@ -86,7 +86,7 @@ impl<'a> Library<'a> {
         let used = scope.uses.iter().find(|used| used.name.text == name)?;
         let file = self.resolve(&used.kind);
         let (graphs, _) = Graph::subgraphs(&file, self.catalog, self.options);
-        // If the graph can be used by others, its own node type is the first in the list.
+        // The first graph is the one that the file as a whole defines, if other files can use it.
         let graph = graphs.into_iter().next().filter(|graph| Path::new(&graph.file) == file)?;
         let described = graph.description();
         Some(NodeKind {
@@ -99,7 +99,7 @@ impl<'a> Library<'a> {
         })
     }
 
-    /// Returns the graph that a patch or test refers to. If it refers to a patch, the graph of that patch is returned.
+    /// Returns the graph that this patch or test is about. If it is about a patch, follows that patch to its graph.
     pub(super) fn target(&self, scope: &Scope) -> Option<Rc<TargetGraph>> {
         if let Some(known) = &*self.about.borrow() {
             return known.clone();
@@ -113,7 +113,7 @@ impl<'a> Library<'a> {
         let mut path = self.resolve(&scope.target.as_ref()?.text);
         let schema = Graph::load(&path, self.catalog, self.options).graph;
         let schema = schema.map(|graph| Rc::new(graph.schema().clone()));
-        // Each step follows a patch to the file that it patches. The limit of 16 steps ends cycles of patches.
+        // Each step goes from a patch to the file that it patches. The limit of 16 steps ends cycles of patches.
         for _ in 0..16 {
             let scope = Scope::parse(&self.options.text(&path).ok()?);
             match &scope.target {
@@ -126,7 +126,7 @@ impl<'a> Library<'a> {
         None
     }
 
-    /// Returns the short documentation of a keyword; `within` is the call or field that contains it.
+    /// Returns the short documentation of a keyword. `within` is the name of the call or field that contains it.
     pub(super) fn word(within: &str, name: &str) -> String {
         let topic = language().iter().filter(|word| word.name == name);
         let topic = topic.max_by_key(|word| word.within == within).map(|word| word.topic);
@@ -144,7 +144,7 @@ impl<'a> Library<'a> {
         doc.into_iter().chain(more).collect::<Vec<_>>().join("\n\n")
     }
 
-    /// Returns the keywords that may be used within a call or field.
+    /// Returns the keywords that are allowed directly in the call or field `within`.
     pub(super) fn words_in(within: &str) -> Vec<String> {
         let words = language().iter().filter(|word| word.within == within);
         words.map(|word| word.name.clone()).collect()
@@ -170,7 +170,7 @@ impl<'a> Library<'a> {
         Rc::new(fields.collect())
     }
 
-    /// Returns the fields of a file whose first word is `file`.
+    /// Returns the fields of a file that begins with the word `file`, such as `Graph`.
     pub(super) fn file_fields(&self, file: &str) -> Rc<Vec<FieldInfo>> {
         const MAP: &str = "a map: {\"name\": .., ..}";
         fn map(keys: Keys, slot: ExpectedSyntax) -> (ExpectedSyntax, &'static str) {
@@ -241,7 +241,7 @@ impl<'a> Library<'a> {
         }
     }
 
-    /// Returns the syntax of a test case.
+    /// Returns the syntax of a case in a test file.
     fn case(root: &Rc<Json>) -> ExpectedSyntax {
         let case = &root["properties"]["cases"]["additionalProperties"];
         let mut fields = fields_of(&resolve_field(case, root), root);
@@ -263,7 +263,7 @@ impl<'a> Library<'a> {
         ExpectedSyntax::Group(fields)
     }
 
-    /// Returns the syntax of a list of expectations. Their subjects are outputs or links.
+    /// Returns the syntax of a list of expectations, which are about outputs or links.
     fn expectations(&self) -> ExpectedSyntax {
         let mut schema =
             serde_json::to_value(schemars::schema_for!(Expectation)).unwrap_or_default();
@@ -287,7 +287,7 @@ impl<'a> Library<'a> {
         ExpectedSyntax::List(Rc::new(ExpectedSyntax::Value { schema: root.clone(), root }))
     }
 
-    /// Returns the fields in the declaration of an input of this type.
+    /// Returns the fields that the declaration of an input of this type may have.
     pub(super) fn input_fields(&self, kind: &str) -> Rc<Vec<FieldInfo>> {
         Self::fields("inputs", |field| match field {
             "wants" => (
@@ -326,7 +326,7 @@ impl<'a> Library<'a> {
         }])
     }
 
-    /// Returns the fields of a `ForEach` whose nodes have this type.
+    /// Returns the fields of a `ForEach` that repeats a node of this type.
     pub(super) fn each_fields(&self, kind: Option<Rc<NodeKind>>) -> Rc<Vec<FieldInfo>> {
         let own = kind.map_or_else(Rc::default, |kind| fields_of(&kind.schema, &kind.schema));
         fn field_slot(
@@ -390,14 +390,14 @@ fn units() -> ExpectedSyntax {
 }
 
 impl TargetGraph {
-    /// Returns the kind of value that a parameter of the target graph has.
+    /// Returns the kind of value of a parameter of the graph.
     pub(super) fn parameter(&self, name: &str) -> Option<ExpectedSyntax> {
         let schema = self.schema.as_ref()?;
         let field = schema.get("properties")?.get(name)?;
         Some(slot_of(field, schema))
     }
 
-    /// Returns the fields of a node in the target graph.
+    /// Returns the fields of a node of the graph, as the kind of value that they form together.
     pub(super) fn node(&self, library: &Library<'_>, name: &str) -> Option<ExpectedSyntax> {
         let node = self.scope.node(name)?;
         let inner = Library::new(library.catalog, &self.path, library.options);

@@ -1,4 +1,4 @@
-//! The manual of the graph language, for `maquette help TOPIC` and `docs/language.md`.
+//! The manual of the graph language, which is printed by `maquette help TOPIC` and published as `docs/language.md`.
 
 mod plain;
 #[cfg(test)]
@@ -8,13 +8,13 @@ use maquette_graph::catalog::Catalog;
 use maquette_node::{DataKind, Fidelities, Fidelity};
 pub use plain::plain;
 
-/// A topic of the language. Its text is the file `src/lsp/manual/NAME.md`, which begins with a title.
+/// A topic of the manual. Its text is the file `src/lsp/manual/NAME.md`, which begins with a title.
 pub struct Topic {
     pub name: &'static str,
     pub text: &'static str,
 }
 
-/// All topics, in the order of reading.
+/// All topics, in the order in which the manual presents them.
 pub const TOPICS: &[Topic] = &[
     Topic { name: "graph", text: include_str!("manual/graph.md") },
     Topic { name: "params", text: include_str!("manual/params.md") },
@@ -39,11 +39,11 @@ pub const TOPICS: &[Topic] = &[
     Topic { name: "merge", text: include_str!("manual/merge.md") },
 ];
 
-/// The placeholder that is replaced by a table: how each node transfers attributes.
+/// The placeholder in a text for the table that shows how each node transfers attributes.
 const ROWS: &str = "| .. | .. | .. | .. | .. | .. | .. |\n";
 
-/// The placeholders that are replaced by tables of file formats. Each has the type of values, and true if the formats are read, false if
-/// they are written.
+/// The placeholders in texts for tables of file formats. Each has the type of values, and a flag: true for formats that are read, false for
+/// formats that are written.
 const TABLES: [(&str, &str, bool); 4] = [
     ("| meshes, written |\n", "Mesh", false),
     ("| meshes, read |\n", "Mesh", true),
@@ -52,7 +52,7 @@ const TABLES: [(&str, &str, bool); 4] = [
 ];
 
 impl Topic {
-    /// Renders the text of the topic. Its tables list the nodes and file formats in the catalog.
+    /// Returns the text of the topic. Tables of nodes and file formats are filled in from the catalog.
     pub fn render(&self, catalog: &Catalog) -> String {
         let text = self.text.replace(ROWS, &rows(catalog));
         TABLES.iter().fold(text, |text, (mark, kind, is_read)| match text.contains(mark) {
@@ -78,8 +78,8 @@ fn rows(catalog: &Catalog) -> String {
     rows
 }
 
-/// Renders a table of the kinds of data that each file format preserves for values of this type. It has a row for each kind of data, and is
-/// followed by notes on conversions.
+/// Renders a table that shows what each file format preserves of a value of this type. It has a row for each kind of data. Notes on
+/// conversions follow the table.
 fn fidelity_table(catalog: &Catalog, kind: &str, is_read: bool) -> String {
     let Some(kind) = catalog.value_type(kind) else { return String::new() };
     let formats = catalog.fidelities(kind, is_read);
@@ -126,12 +126,12 @@ fn fidelity(list: Fidelities, kind: DataKind) -> Option<Fidelity> {
     list.iter().find(|(listed, _)| *listed == kind).map(|(_, fidelity)| *fidelity)
 }
 
-/// Returns the topic with this name. Upper and lower case letters count as equal.
+/// Returns the topic with this name, ignoring case.
 pub fn topic(name: &str) -> Option<&'static Topic> {
     TOPICS.iter().find(|topic| topic.name.eq_ignore_ascii_case(name))
 }
 
-/// Returns the topics that explain a keyword, such as `Closed`.
+/// Returns the names of the topics that explain a keyword such as `Closed`.
 pub fn topics_about(word: &str) -> Vec<&'static str> {
     let word = format!("`{word}`");
     TOPICS.iter().filter(|topic| topic.text.contains(&word)).map(|topic| topic.name).collect()

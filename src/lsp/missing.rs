@@ -8,15 +8,15 @@ use super::expected_syntax::{BracketContent, ExpectedSyntax, SyntaxResolver};
 use super::library::Library;
 use super::scope::Scope;
 
-/// The maximum number of values that are offered for one field.
+/// The maximum number of values offered to the user for one missing field.
 const MAX_OFFERED: usize = 5;
 
-/// The maximum number of values that are tried for one field.
+/// The maximum number of values tried for one missing field.
 const MAX_TRIED: usize = 20;
 
-/// Returns the texts that add the field which a diagnostic reports as missing. All are inserted at one position, the most likely is first,
-/// and `is_right` accepts the file with each of them. If nothing can be linked to a missing port, the port gets an empty link, which the
-/// user can complete.
+/// Returns texts that add the field which a diagnostic reports as missing, and where to insert them. The most likely text comes first. Each
+/// is tested: `is_right` gets the file with the text inserted. If no link fits a missing port, the port gets an empty link that the user
+/// can complete.
 pub(super) fn additions(
     library: &Library<'_>,
     problem: &Diagnostic,
@@ -47,7 +47,7 @@ pub(super) fn additions(
         ExpectedSyntax::List(item) if matches!(**item, ExpectedSyntax::Link(_)) => ("[\"", "\"]"),
         _ => ("", ""),
     };
-    // The values to try are the proposals of completion at this position.
+    // Try the values that completion would propose at this position.
     let start = format!("{}{}: {before}", &text[..open], field.name);
     let with_field = format!("{start}{behind}{end}{}", &text[open..]);
     let found = proposals(library, &with_field, start.len()).list.into_iter();

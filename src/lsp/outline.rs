@@ -10,7 +10,7 @@ use super::expected_syntax::{ExpectedSyntax, SyntaxResolver};
 use super::library::Library;
 use super::scope::Scope;
 
-/// An entry of a section of the file, such as a node. Its span is from the beginning of the name to the end of the value.
+/// An entry of a section of the file, such as a node. Its span reaches from the start of its name to the end of its value.
 pub(super) struct Symbol {
     pub(super) name: String,
     pub(super) kind: String,
@@ -83,7 +83,7 @@ pub(super) fn sections(text: &str) -> Vec<Section> {
     found
 }
 
-/// Returns the span of each bracket pair, including the brackets.
+/// Returns the start and end of each pair of brackets, including the brackets.
 pub(super) fn ends(text: &str) -> Vec<(usize, usize)> {
     let (mut open, mut ends) = (Vec::new(), Vec::new());
     for (token, span) in tokens(text) {
@@ -97,7 +97,7 @@ pub(super) fn ends(text: &str) -> Vec<(usize, usize)> {
     ends
 }
 
-/// Returns the spans that can be folded: first those of brackets, then those of comments with several lines.
+/// Returns the spans that an editor can fold: first those of brackets, then those of comments with several lines.
 pub(super) fn folds(text: &str) -> (Vec<Span>, Vec<Span>) {
     fn is_long(start: usize, end: usize, text: &str) -> bool {
         text[start..end].contains('\n')
@@ -125,7 +125,7 @@ pub(super) fn folds(text: &str) -> (Vec<Span>, Vec<Span>) {
     (brackets, comments)
 }
 
-/// Returns the strings that are colors, each with red, green and blue from 0 to 255.
+/// Returns the strings that are colors. Each has its span and its red, green and blue, from 0 to 255.
 pub(super) fn colors(text: &str) -> Vec<(Span, [u8; 3])> {
     let mut found = Vec::new();
     for_each_word(text, |_, passed| {
@@ -138,7 +138,7 @@ pub(super) fn colors(text: &str) -> Vec<(Span, [u8; 3])> {
     found
 }
 
-/// Returns the existing files that are named in a text, each with the span of the name.
+/// Returns the existing files that a text names, each with the span of its name.
 pub(super) fn files(library: &Library<'_>, text: &str) -> Vec<(Span, PathBuf)> {
     let scope = Scope::parse(text);
     let slots = SyntaxResolver { library, scope: &scope };
@@ -158,10 +158,10 @@ pub(super) fn files(library: &Library<'_>, text: &str) -> Vec<(Span, PathBuf)> {
     found
 }
 
-/// The meaning of a word, which determines its highlighting.
+/// The meaning of a word, for syntax highlighting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Meaning {
-    /// A keyword: `Graph`, `Param`, `ForEach`.
+    /// A keyword such as `Graph`, `Param` or `ForEach`.
     Keyword,
     /// The name of a node type.
     Node,
@@ -177,7 +177,7 @@ pub(super) enum Meaning {
     Number,
 }
 
-/// All meanings, each with its name in the protocol.
+/// All meanings, each with its token type in the protocol.
 pub(super) const MEANINGS: [(Meaning, &str); 9] = [
     (Meaning::Keyword, "keyword"),
     (Meaning::Node, "class"),
@@ -190,7 +190,7 @@ pub(super) const MEANINGS: [(Meaning, &str); 9] = [
     (Meaning::Number, "number"),
 ];
 
-/// Returns the words of a text with their meanings, in the order of the text.
+/// Returns the words of a text with their meanings, from start to end.
 pub(super) fn words(text: &str) -> Vec<(Span, Meaning)> {
     const KEYWORDS: [&str; 17] = [
         "Graph", "Patch", "Test", "Sweep", "Product", "Zip", "Values", "Files", "Param", "Expr",
@@ -229,7 +229,7 @@ pub(super) fn words(text: &str) -> Vec<(Span, Meaning)> {
                 (word, meaning)
             }
         };
-        // A token over several lines is left out, because many editors do not support it.
+        // Leave out words that contain a line break, because many editors do not support such tokens.
         if !word.text.contains('\n') && !word.text.is_empty() {
             found.push((word.span, meaning));
         }
@@ -237,7 +237,7 @@ pub(super) fn words(text: &str) -> Vec<(Span, Meaning)> {
     found
 }
 
-/// Returns the meaning of a string.
+/// Returns the meaning of a string for syntax highlighting, or `None` if it is plain text.
 fn meaning_of(frames: &[Frame], word: &str, is_link: &dyn Fn(&str) -> bool) -> Option<Meaning> {
     let last = frames.last()?;
     let within = last.name.as_ref().map_or("", |name| &name.text);

@@ -1,11 +1,11 @@
-//! Reads the parameters of an editor's messages leniently: fields that are not used may contain anything, and 5.0 is accepted instead of 5.
+//! Reads the parameters of an editor's messages leniently. Unused fields may contain anything, and 5.0 is accepted instead of 5.
 
 use gen_lsp_types::{Position, Range, Uri};
 use serde_json::Value as Json;
 
 /// An error in answering a request.
 pub(crate) enum RequestError {
-    /// The method is unknown.
+    /// The server does not know the method.
     Unknown(String),
     /// The parameters of the request are invalid.
     Invalid(String),
@@ -19,7 +19,7 @@ impl From<String> for RequestError {
     }
 }
 
-/// Reads an integer. A number that is out of range becomes the nearest possible one.
+/// Reads an integer. A number out of range becomes the nearest number in range.
 pub(super) fn number(json: &Json) -> Option<u32> {
     json.as_f64().map(|number| number as u32)
 }

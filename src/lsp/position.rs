@@ -9,7 +9,7 @@ use maquette_syntax::LineEnding;
 use maquette_syntax::error::Span;
 use percent_encoding::{AsciiSet, CONTROLS, percent_decode_str, utf8_percent_encode};
 
-/// The unit in which columns are counted.
+/// The unit in which the editor counts columns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Columns {
     Utf8,
@@ -19,7 +19,7 @@ pub(super) enum Columns {
 }
 
 impl Columns {
-    /// Chooses a unit that both the editor and the server support. UTF-8 bytes are preferred, because they need no conversion.
+    /// Chooses a unit that both the editor and the server support. UTF-8 bytes are preferred because they need no conversion.
     pub(super) fn negotiate(offered: &[&str]) -> Self {
         match () {
             () if offered.contains(&"utf-8") => Self::Utf8,
@@ -45,7 +45,7 @@ impl Columns {
     }
 }
 
-/// Replaces each `\r` without `\n` by `\n`. Editors end a line at such a `\r`, but the line index does not.
+/// Replaces each `\r` that no `\n` follows by `\n`. Editors treat such a `\r` as a line end, but the line index does not.
 fn with_line_feeds(text: &str) -> Cow<'_, str> {
     fn is_lone_return(bytes: &[u8], at: usize) -> bool {
         bytes[at] == b'\r' && bytes.get(at + 1) != Some(&b'\n')
@@ -65,7 +65,7 @@ pub(super) struct Lines<'t> {
     ends: LineEnding,
 }
 
-/// Returns the line ending that most lines of a text have.
+/// Returns the line ending that is most frequent in a text.
 fn line_ending(text: &str) -> LineEnding {
     let windows = text.matches("\r\n").count();
     let [feeds, returns] = ["\n", "\r"].map(|end| text.matches(end).count() - windows);
@@ -82,7 +82,7 @@ impl<'t> Lines<'t> {
         Self { text, index: LineIndex::new(&with_line_feeds(text)), columns, ends }
     }
 
-    /// Converts the line endings of `text` to those of the present text.
+    /// Converts the line endings of `text` to those of this document.
     pub(super) fn with_ends(&self, text: &str) -> String {
         let is_plain = self.ends == LineEnding::Unix && !text.contains('\r');
         match is_plain || !text.contains(['\n', '\r']) {
@@ -97,8 +97,8 @@ impl<'t> Lines<'t> {
         self.text
     }
 
-    /// Converts a byte offset to a position. An offset inside of a character counts as the beginning of the character, and an offset past
-    /// the end as the end.
+    /// Converts a byte offset to a line and column. An offset inside of a character becomes the start of that character. An offset past the
+    /// end of the text becomes the end.
     pub(super) fn position(&self, at: usize) -> Position {
         let at = (0..=at.min(self.text.len())).rfind(|&at| self.text.is_char_boundary(at));
         let at = TextSize::from(u32::try_from(at.unwrap_or(0)).unwrap_or(u32::MAX));
@@ -112,8 +112,8 @@ impl<'t> Lines<'t> {
         Range { start: self.position(span.start), end: self.position(span.end) }
     }
 
-    /// Converts a position to a byte offset. A position past the end of its line counts as the end of the line, and one past the text as
-    /// the end of the text.
+    /// Converts a line and column to a byte offset. A column past the end of its line becomes the end of that line. A line past the end of
+    /// the text becomes the end of the text.
     pub(super) fn offset(&self, position: Position) -> usize {
         let Position { line, character } = position;
         let Some(range) = self.index.line(line) else { return self.text.len() };
@@ -132,10 +132,10 @@ impl<'t> Lines<'t> {
         TextEdit { range: self.range(span), new_text: self.with_ends(&new_text) }
     }
 
-    /// Returns the edit that changes the text to `new`. The edit does not include the common beginning and end, and keeps the line endings
-    /// uniform.
+    /// Returns the edit that changes this text to `new`, or `None` if they are equal. The edit leaves out the common start and end, and
+    /// keeps the line endings of this text.
     pub(super) fn difference(&self, new: &str) -> Option<TextEdit> {
-        // If the present text is empty or has no line endings, those of `new` are kept.
+        // Keep the line endings of `new` if this text has none.
         let has_ends = self.text.contains(['\n', '\r']) && LineEnding::detect(self.text).is_some();
         let alike = has_ends.then(|| self.with_ends(new));
         let new = alike.as_deref().unwrap_or(new);
@@ -143,7 +143,7 @@ impl<'t> Lines<'t> {
             return None;
         }
         let same = self.text.bytes().zip(new.bytes()).take_while(|(a, b)| a == b).count();
-        // A position between `\r` and `\n` is not valid.
+        // An edit must not start or end between `\r` and `\n`.
         fn is_place(text: &str, at: usize) -> bool {
             text.is_char_boundary(at)
                 && !(text[..at].ends_with('\r') && text[at..].starts_with('\n'))
@@ -182,12 +182,12 @@ const ESCAPED: &AsciiSet = &CONTROLS
     .add(b'^')
     .add(b'|');
 
-/// Returns the path of a `file:` URI; `None` for other URIs.
+/// Returns the path of a `file:` URI, or `None` for any other URI.
 pub(super) fn path_of(uri: &Uri) -> Option<PathBuf> {
     let rest = uri.0.strip_prefix("file://")?;
     let path = &rest[rest.find('/')?..];
     let path = percent_decode_str(path).decode_utf8().ok()?.into_owned();
-    // `/c:/x` is the path `c:/x` on Windows.
+    // On Windows, the URI path `/c:/x` stands for the file path `c:/x`.
     let is_drive = path.as_bytes().get(2) == Some(&b':');
     let path = if cfg!(windows) && is_drive { &path[1..] } else { &path[..] };
     Some(PathBuf::from(path))
@@ -211,7 +211,7 @@ mod tests {
         for columns in [Columns::Utf8, Columns::Utf16, Columns::Utf32] {
             let lines = Lines::new(TEXT, columns);
             for at in (0..=TEXT.len()).filter(|&at| TEXT.is_char_boundary(at)) {
-                // A position between `\r` and `\n` is not valid.
+                // Skip positions between `\r` and `\n`, which are not valid.
                 if TEXT[..at].ends_with('\r') {
                     continue;
                 }
@@ -273,7 +273,7 @@ mod tests {
         }
         let lines = Lines::new("a", Columns::Utf16);
         assert_eq!(lines.edit(Span::default(), "\r\n".into()).new_text, "\n");
-        // No edit ends between `\r` and `\n`.
+        // An edit must not end between `\r` and `\n`.
         let edit = Lines::new("a\r\nb\nc", Columns::Utf16).difference("a\nb\nc").unwrap();
         assert_eq!((edit.range.start.character, &edit.new_text[..]), (1, "\n"));
     }

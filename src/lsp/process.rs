@@ -1,4 +1,4 @@
-//! Monitors the process of the editor. The server ends when the editor ends, even if another process keeps stdin open.
+//! Monitors the editor's process. The server ends when the editor ends, even if another process keeps the server's stdin open.
 
 use std::time::Duration;
 
@@ -6,34 +6,34 @@ use crossbeam_channel::Sender;
 
 use super::watcher::Event;
 
-/// The interval at which the process is checked.
+/// The interval between two checks of the process.
 const INTERVAL: Duration = Duration::from_millis(500);
 
-/// Sends an event when the process has ended. If the process does not exist at the start, it belongs to another machine or container, and
-/// no event is sent.
+/// Sends an event when the process `id` has ended. If there is no such process at the start, it is probably on another machine or in
+/// another container, and no event is sent.
 pub(super) fn watch(id: u32, events: Sender<Event>) {
     let Some(start) = start_time(id) else { return };
     std::thread::spawn(move || {
         while start_time(id).as_ref() == Some(&start) {
             std::thread::sleep(INTERVAL);
         }
-        // Sending fails if the server has ended; then the event is not needed.
+        // Ignore an error: sending fails only if the server has already ended.
         let _ = events.send(Event::EditorEnded);
     });
 }
 
-/// Returns true if a process has ended, even if its parent has not collected the exit status yet.
+/// Returns true if a process has ended. A zombie, whose exit status its parent has not read yet, counts as ended.
 #[cfg(unix)]
 pub fn has_ended(id: u32) -> bool {
     start_time(id).is_none()
 }
 
-/// Returns the start time of a process in the format of the system. It distinguishes the process from a later one with the same id. Returns
-/// `None` if the process has ended.
+/// Returns the start time of a process, in the format of the system. It distinguishes the process from a later process with the same id.
+/// Returns `None` if the process has ended.
 #[cfg(target_os = "linux")]
 fn start_time(id: u32) -> Option<String> {
     let stat = std::fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
-    // The fields are split after the last parenthesis, because the name of the program, which is in parentheses, may contain any character.
+    // Split after the last parenthesis: the name of the program is in parentheses and may contain any character.
     let fields: Vec<_> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let has_ended = matches!(fields.first(), Some(&("Z" | "X" | "x")));
     if has_ended { None } else { fields.get(19).map(|start| (*start).to_owned()) }
@@ -46,7 +46,7 @@ fn start_of(id: u32) -> Option<String> {
     is_there.then(String::new)
 }
 
-/// Returns `None`: this system is not supported. The server ends only when stdin ends.
+/// Returns `None`, because this system is not supported. The server ends only when stdin ends.
 #[cfg(not(unix))]
 fn start_of(_: u32) -> Option<String> {
     None
@@ -69,7 +69,7 @@ mod tests {
         assert!(events.recv_timeout(Duration::from_secs(60)).is_ok());
         assert_eq!(start_time(child.id()), None);
         child.wait().unwrap();
-        // No process has this id.
+        // No process can have this id.
         watch(u32::MAX, sender);
         assert!(events.recv_timeout(2 * INTERVAL).is_err());
     }

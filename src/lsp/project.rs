@@ -1,7 +1,7 @@
 //! The names in the files of a project: declarations, uses and renaming.
 //!
-//! Names are read by the parser that `maquette check` uses, because a rename must be correct in every file. So nothing can be renamed while
-//! a file has syntax errors.
+//! Names are read by the same parser as in `maquette check`, because a rename must be correct in every file. Therefore a file with syntax
+//! errors prevents renaming.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -16,19 +16,19 @@ use maquette_syntax::error::{Diagnostic, Severity, Span};
 use maquette_syntax::paths::project_root;
 use maquette_syntax::{WalkEvent, for_each_word};
 
-/// The maximum depth of the subfolders in which the files of a project are searched.
+/// The maximum depth of the subfolders in which files of a project are searched.
 const MAX_DEPTH: usize = 12;
 
-/// The maximum number of files of a project that are read.
+/// The maximum number of files that are read in one project.
 const MAX_FILES: usize = 5_000;
 
-/// The files of a project, with the names that occur in them.
+/// A cache of the names that occur in the files of a project.
 #[derive(Default)]
 pub(super) struct Project {
     names: HashMap<PathBuf, (Arc<str>, Arc<FileNames>)>,
 }
 
-/// An occurrence of a name in a file.
+/// An occurrence of a name in a file: a declaration or a use.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Occurrence {
     pub(super) file: PathBuf,
@@ -41,7 +41,7 @@ pub(super) struct Occurrence {
 pub(super) type Texts = BTreeMap<PathBuf, String>;
 
 impl Project {
-    /// Returns the names in a file. The list is empty while the text of the file cannot be parsed.
+    /// Returns the names in a file. The list is empty if the text has syntax errors.
     pub(super) fn names(
         &mut self,
         path: &Path,
@@ -60,12 +60,13 @@ impl Project {
         names
     }
 
-    /// Clears the cached names of all files. The names in a file may depend on other files, so a change of one file affects all.
+    /// Clears the cached names of all files. A change of one file may affect the others, because the names in a file may depend on other
+    /// files.
     pub(super) fn forget(&mut self) {
         self.names.clear();
     }
 
-    /// Returns the symbols to which the name at a position refers.
+    /// Returns the symbols to which the name at a position refers. One name may refer to several symbols.
     pub(super) fn symbol_at(
         &mut self,
         path: &Path,
@@ -82,7 +83,7 @@ impl Project {
             .collect()
     }
 
-    /// Returns the position where a symbol is declared. A node type is declared by its graph file as a whole.
+    /// Returns the place where a symbol is declared. For a node type that is a graph, this is the whole graph file.
     pub(super) fn declaration(
         &mut self,
         symbol: &Symbol,
@@ -118,7 +119,7 @@ impl Project {
     ) -> Vec<Occurrence> {
         let (mut found, field) = (Vec::new(), field_of(&symbol.name));
         for file in files_of(&symbol.file, options) {
-            // Files that do not contain the word as text are skipped without parsing.
+            // For speed, skip files that do not contain the word.
             if !options
                 .text(&file)
                 .is_ok_and(|text: String| text.contains(&symbol.name) || text.contains(&field))
@@ -137,10 +138,10 @@ impl Project {
         found
     }
 
-    /// Returns the replacements, by file, that rename a symbol.
+    /// Returns the edits, by file, that rename a symbol.
     ///
     /// # Errors
-    /// A message if the symbol cannot have this name, or if the renaming would cause errors.
+    /// A message if the new name is not allowed for the symbol, or if renaming would cause errors.
     pub(super) fn rename(
         &mut self,
         symbol: &Symbol,
@@ -191,8 +192,8 @@ impl Project {
             }
             texts.insert(file.clone(), text);
         }
-        // In a `ForEach` that carries values, an output is connected to the input with the same name, so renaming one of them causes
-        // errors.
+        // A `ForEach` that carries values from one element to the next connects an output to the input with the same name. So renaming only
+        // one of the two causes errors.
         let other = match symbol.sort {
             SymbolSort::Node => Some(SymbolSort::Output),
             SymbolSort::Output => Some(SymbolSort::Node),
@@ -226,7 +227,7 @@ fn names_of(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Fi
     }
 }
 
-/// Checks that `to` is a possible name for a symbol of this sort.
+/// Checks that `to` is a valid new name for a symbol.
 fn may_have(symbol: &Symbol, to: &str) -> Result<(), String> {
     let is_file = symbol.sort == SymbolSort::Output && symbol.name.contains('.');
     match symbol.sort {
@@ -245,8 +246,8 @@ fn may_have(symbol: &Symbol, to: &str) -> Result<(), String> {
     }
 }
 
-/// Returns the layout file of a graph, which contains the positions of its boxes, and the spans of a node's name in it. Fails if the node
-/// is pinned.
+/// Returns the layout file of a graph, which stores the positions of its nodes in the diagram, and the spans of a node's name in that file.
+/// A pinned node is an error.
 fn layout_file_spans(symbol: &Symbol, options: &Options) -> Result<(PathBuf, Vec<Span>), String> {
     fn keys(path: &Path, options: &Options, symbol_name: &str) -> Vec<Span> {
         let mut found = Vec::new();
@@ -273,7 +274,7 @@ fn layout_file_spans(symbol: &Symbol, options: &Options) -> Result<(PathBuf, Vec
     Ok((layout, found))
 }
 
-/// Checks that the new texts have no errors that the old texts did not have.
+/// Checks that the new texts have no errors besides those that the old texts have.
 fn no_new_problems(texts: &Texts, catalog: &Catalog, options: &Options) -> Result<(), String> {
     fn errors(options: &Options, path: &Path, catalog: &Catalog) -> Vec<Diagnostic> {
         let text = options.text(path).unwrap_or_default();
@@ -285,7 +286,7 @@ fn no_new_problems(texts: &Texts, catalog: &Catalog, options: &Options) -> Resul
     new.texts.extend(texts.iter().map(|(path, text)| (path.clone(), text.clone())));
     for path in texts.keys().filter(|path| !path.to_string_lossy().ends_with(".layout.ron")) {
         let after = errors(&new, path, catalog);
-        // The errors of the old text are needed only if the new text has errors.
+        // For speed, check the old text only if the new text has errors.
         let before = if after.is_empty() { Vec::new() } else { errors(options, path, catalog) };
         fn count(all: &[Diagnostic], code: &str) -> usize {
             all.iter().filter(|it| it.code == code).count()
@@ -298,7 +299,7 @@ fn no_new_problems(texts: &Texts, catalog: &Catalog, options: &Options) -> Resul
     Ok(())
 }
 
-/// Returns the graphs, patches and tests in the project of a file, including documents that are not saved yet.
+/// Returns the graphs, patches and tests in the project that contains `path`. Unsaved documents are included.
 pub(super) fn files_of(path: &Path, options: &Options) -> Vec<PathBuf> {
     let root = project_root(path.parent().unwrap_or(Path::new("/")));
     let mut files = Vec::new();

@@ -1,5 +1,5 @@
-//! Refactorings: extracting nodes into a new graph, and inlining a used graph. If the editor supports it, the edits of a refactoring are
-//! computed only when the user chooses it.
+//! Refactorings: extract nodes into a new graph, and inline a used graph. If the editor supports it, the edits are computed only after the
+//! user has chosen a refactoring.
 
 use gen_lsp_types::Uri;
 use maquette_edit::{ExtractedGraph, Extraction};
@@ -39,7 +39,8 @@ impl Refactor {
 }
 
 impl Server {
-    /// Returns the refactorings that are possible for the nodes in a span. `uses` are the node types that are graphs.
+    /// Returns the refactorings that are possible for the nodes in a span. `uses` are the names of the graphs that the file uses as node
+    /// types.
     pub(super) fn refactors(
         &self,
         subject: &Subject<'_>,
@@ -62,8 +63,8 @@ impl Server {
         found
     }
 
-    /// Returns the code action of a refactoring. If the editor resolves actions later, the action has no edits yet. Otherwise the edits are
-    /// computed now if `is_wanted` is true; returns `None` if it is false or the refactoring is impossible.
+    /// Returns the code action for a refactoring. If the editor can resolve actions later, the action has no edits yet. Otherwise the edits
+    /// are computed now, but only if `is_wanted` is true. Returns `None` if it is false or the refactoring is impossible.
     pub(super) fn refactor(&mut self, action: &Refactor, is_wanted: bool) -> Option<Json> {
         let json = json!({ "title": action.title(), "kind": action.kind(), "data": action });
         match self.client.resolves_actions {
@@ -73,7 +74,7 @@ impl Server {
         }
     }
 
-    /// Computes the edits of an action and adds them to the action.
+    /// Computes the edits of a code action that the user has chosen, and adds them to the action.
     pub(super) fn resolve(&mut self, mut action: Json) -> Result<Json, RequestError> {
         let Ok(refactor) = serde_json::from_value::<Refactor>(action["data"].clone()) else {
             return Ok(action);

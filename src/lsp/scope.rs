@@ -1,4 +1,4 @@
-//! The names that a text declares, even an unfinished one. Links, parameters and patches may refer to these names.
+//! The names that a text declares, and to which links, parameters and patches may refer. The text may be unfinished.
 
 use maquette_syntax::error::Span;
 use maquette_syntax::{Frame, Name, TypedKind, WalkEvent, for_each_word};
@@ -6,24 +6,24 @@ use maquette_syntax::{Frame, Name, TypedKind, WalkEvent, for_each_word};
 /// The names that a text declares.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Scope {
-    /// The first word of the file: `Graph`, `Patch` or `Test`.
+    /// The first word of the file, such as `Graph`, `Patch` or `Test`.
     pub(super) file: String,
     pub(super) uses: Vec<Declaration>,
     pub(super) inputs: Vec<Declaration>,
     pub(super) params: Vec<Declaration>,
     pub(super) nodes: Vec<Declaration>,
     pub(super) outputs: Vec<Declaration>,
-    /// The path of the graph that a patch or test refers to.
+    /// The path of the graph that a patch or test is about, as the file writes it.
     pub(super) target: Option<Name>,
 }
 
-/// An entry of a section.
+/// A name that is declared by an entry of a section, such as a node.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Declaration {
     pub(super) name: Name,
-    /// The type of the declared thing. For a used graph its path, and for an output its link.
+    /// The type of a node, input or parameter; the path of a used graph; or the link of an output.
     pub(super) kind: String,
-    /// The node type of a `ForEach`, or the unit of a parameter.
+    /// The node type that a `ForEach` repeats, or the unit of a parameter.
     pub(super) of: String,
     /// The span of the text in `kind`.
     pub(super) at: Span,
@@ -68,7 +68,7 @@ impl Scope {
                 if rest.is_empty() && entry.kind.is_empty() || is_optional {
                     (entry.kind, entry.at) = (word.text.clone(), word.span);
                 } else if rest.len() == 1 && entry.kind == "Graph" {
-                    // The path of a used graph may be in a call: `Graph("lib/skirt.ron", version: "2.1")`.
+                    // The path of a used graph may be an argument: `Graph("lib/skirt.ron", version: "2.1")`.
                     if inner.is_none() {
                         (entry.kind, entry.at) = (word.text.clone(), word.span);
                     }

@@ -7,8 +7,8 @@ use serde_json::{Value as Json, json};
 use super::outline;
 use super::position::Lines;
 
-/// Returns the selection ranges at an offset, each containing the previous one: the word, then for each enclosing bracket its content, the
-/// brackets, and the brackets with the name before them.
+/// Returns the selection ranges at an offset, each inside of the next one. The first is the word. Then each enclosing bracket adds its
+/// content, the whole bracket, and the bracket with the name before it.
 pub(super) fn selection(lines: &Lines<'_>, at: usize) -> Json {
     let text = lines.text();
     let cursor = cursor(text, at);
@@ -46,11 +46,10 @@ pub(super) fn selection(lines: &Lines<'_>, at: usize) -> Json {
     found
 }
 
-/// Returns the lines of the formatted text that replace the lines of a span, and the span of the old text that they replace. Returns `None`
-/// if other lines would change, too.
+/// Returns the formatted lines that replace the lines of `span`, and the span of the old lines. `old` and `new` are the whole text before
+/// and after formatting. Returns `None` if the change cannot be limited to these lines.
 pub(super) fn formatted_lines(old: &str, new: &str, span: Span) -> Option<(Span, String)> {
-    // Returns true if formatting keeps this character. Formatting changes only white space and commas, so the kept characters of both texts
-    // match one to one.
+    // Formatting changes only white space and commas. So all other characters are kept, and those of both texts match one to one.
     fn is_kept(c: char) -> bool {
         !c.is_whitespace() && c != ','
     }
@@ -76,7 +75,7 @@ pub(super) fn formatted_lines(old: &str, new: &str, span: Span) -> Option<(Span,
     Some((Span { start, end }, new.get(new_start..new_end)?.to_owned()))
 }
 
-/// Returns the offset after the line that contains `at`.
+/// Returns the offset of the end of the line that contains `at`, after its line break.
 fn line_end(text: &str, at: usize) -> usize {
     let rest = &text[at..];
     match rest.find(['\n', '\r']) {
@@ -127,7 +126,7 @@ mod tests {
         assert_eq!(change("a", "a", old, new), "G(\n    a: 1,\n  b: 2, // x\n c:3\n)\n");
         assert_eq!(change("b", "c", old, new), "G(\n a:1,\n    b: 2, // x\n    c: 3,\n)\n");
         assert_eq!(change("G", ")", old, new), new);
-        // Formatting joins the brackets with other lines.
+        // Formatting would join these lines with the lines before them.
         assert_eq!(formatted_lines("G(\na: 1)", "G(a: 1)", Span { start: 4, end: 4 }), None);
     }
 }

@@ -31,29 +31,29 @@ use super::transport::id_of;
 use super::watcher::Event;
 use crate::{capabilities, checker, params, position, process};
 
-/// The time after which the results of the last evaluation are looked up again, even if the server has not noticed a new evaluation.
+/// The interval at which the results of the last evaluation are looked up again, even if the server has not noticed an evaluation.
 pub const LOOKUP_INTERVAL: Duration = Duration::from_secs(1);
 
-/// The settings with which the server is started.
+/// The arguments with which the server is started.
 pub struct Setup {
-    /// The session for looking up packs and cached results. It never evaluates.
+    /// The session for looking up node types and cached results. It never evaluates.
     pub session: Session,
-    /// The program that runs graphs. It accepts the arguments of `maquette`.
+    /// The path of the program that runs graphs. It accepts the arguments of `maquette`.
     pub program: PathBuf,
-    /// Additional arguments of the program, such as the cache folder: `--cache`, `DIR`.
+    /// Additional arguments for that program, such as the cache folder: `--cache`, `DIR`.
     pub arguments: Vec<String>,
 }
 
-/// The settings of the user.
+/// The settings of the user in the editor.
 #[derive(Clone, Debug)]
 pub struct Settings {
     /// Folders outside of the project from which graphs may read.
     pub(crate) roots: Vec<PathBuf>,
-    /// True if the shapes and times of results are shown as inlay hints.
+    /// True if inlay hints show the shapes and times of results.
     pub(crate) hints: bool,
-    /// True if the editor shows the results of commands itself.
+    /// True if the editor itself shows the results of commands, not the server.
     pub(crate) shows: bool,
-    /// The size in kilobytes from which a document gets only diagnostics; 0 for no limit.
+    /// The size in kilobytes above which a document gets only diagnostics; 0 for no limit.
     pub(crate) large_files: usize,
 }
 
@@ -64,7 +64,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Applies all valid settings in `given`. Settings that are missing or invalid keep their values.
+    /// Applies all valid settings in `given`. Missing and invalid settings do not change.
     fn update(&mut self, given: &Json) {
         let given = given.get("maquette").unwrap_or(given);
         if let Some(roots) = given["roots"].as_array() {
@@ -81,42 +81,41 @@ impl Settings {
 
 /// A document that is open in the editor.
 pub struct Document {
-    /// The URIs of the document in the form that the editor uses. There may be several, because a file can have several names through
-    /// symbolic links.
+    /// The URIs of the document, exactly as the editor writes them. There may be several, because symbolic links give a file several paths.
     pub(crate) uris: Vec<Uri>,
     pub(crate) version: i32,
     pub(crate) text: Arc<str>,
-    /// The time of the last lookup, the number of evaluations before it, and the results of the last evaluation.
+    /// The results of the last evaluation, with the time of their lookup and the number of evaluations until then.
     pub(crate) last: Option<(Instant, usize, Rc<LastRun>)>,
 }
 
-/// The capabilities of the editor.
+/// The capabilities that the editor has declared.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ClientCapabilities {
     pub(crate) columns: Columns,
     pub(crate) snippets: bool,
-    /// True if the editor shows the related information of diagnostics.
+    /// True if the editor shows the related information that a diagnostic contains.
     pub(crate) related: bool,
-    /// True if the server may ask the editor to refresh inlay hints.
+    /// True if the editor requests inlay hints again when the server asks for it.
     pub(crate) refreshes_hints: bool,
-    /// True if the server may ask the editor to refresh code lenses.
+    /// True if the editor requests code lenses again when the server asks for it.
     pub(crate) refreshes_lenses: bool,
     pub(crate) shows_documents: bool,
     /// True if the editor shows the progress of commands.
     pub(crate) progress: bool,
-    /// True if edits may create files.
+    /// True if the editor can apply edits that create files.
     pub(crate) creates_files: bool,
-    /// True if the editor requests the edits of an action when the user chooses it.
+    /// True if the edits of a code action may be computed later, when the user has chosen the action.
     pub(crate) resolves_actions: bool,
-    /// True if code actions may contain edits, not only commands.
+    /// True if a code action may contain edits, instead of only a command.
     pub(crate) has_action_literals: bool,
-    /// True if document symbols may have children.
+    /// True if document symbols may contain other symbols.
     pub(crate) has_symbol_trees: bool,
     pub(crate) hovers_markdown: bool,
     pub(crate) completes_markdown: bool,
-    /// True if the server may request settings.
+    /// True if the editor answers requests for its settings.
     pub(crate) has_configuration: bool,
-    /// True if the editor can report changed files.
+    /// True if the editor can notify the server of changed files.
     pub(crate) watches_files: bool,
 }
 
@@ -131,7 +130,7 @@ pub struct Server {
     pub(crate) checks: Sender<checker::Job>,
     pub(crate) commands: Commands,
     pub(crate) next: i32,
-    /// The folders that the editor has open.
+    /// The folders that are open in the editor.
     pub(crate) folders: Vec<PathBuf>,
     /// True if the editor has requested `shutdown`.
     is_shut_down: bool,
@@ -199,7 +198,7 @@ fn initialize(connection: &Connection) -> Result<(RequestId, Json), String> {
     Err("expected `initialize`, found the end of the input".into())
 }
 
-/// Returns the folders that an editor has open.
+/// Returns the folders that are open in the editor.
 fn folders(params: &Json) -> Vec<PathBuf> {
     let several = params["workspaceFolders"].as_array();
     let uris = several.into_iter().flatten().map(|folder| &folder["uri"]);
@@ -228,7 +227,7 @@ impl Server {
                     recv(events) -> event => {
                         match event {
                             Ok(Event::FilesChanged) => self.check(None),
-                            // The channel of events is closed only if the checker has ended, which ends the server.
+                            // An error means that the checker has ended. The server cannot work without it and ends, too.
                             Ok(Event::EditorEnded) | Err(_) => return Ok(()),
                         }
                         continue;
@@ -257,7 +256,7 @@ impl Server {
     }
 
     fn refuse(&self, id: RequestId, code: ErrorCode, why: String) {
-        // Sending fails only if the editor has ended.
+        // Ignore an error: sending fails only if the editor has ended.
         let _ = self.sender.send(Response::new_err(id, code as i32, why).into());
     }
 
@@ -308,7 +307,7 @@ impl Server {
     fn handle_document_notification(&mut self, method: &str, params: &Json) {
         let document = &params["textDocument"];
         let uri = document["uri"].as_str().map(|uri| Uri(uri.to_owned()));
-        // A missing or invalid version counts as 0, so the text is still updated.
+        // Treat a missing or invalid version as 0, so that the text is still updated.
         let version = document["version"].as_f64().map_or(0, |version| version as i32);
         match (method, uri) {
             ("initialized", _) => self.register(),
@@ -327,7 +326,7 @@ impl Server {
                 let mut text = known.text.to_string();
                 for change in params["contentChanges"].as_array().into_iter().flatten() {
                     let Some(new) = change["text"].as_str() else { continue };
-                    // The server requests whole texts, but some editors send only the changed ranges.
+                    // The server requests whole texts in changes, but some editors send only the changed ranges.
                     text = match params::range(&change["range"]) {
                         Ok(range) => {
                             let lines = Lines::new(&text, self.client.columns);
@@ -372,7 +371,7 @@ impl Server {
         }
     }
 
-    /// Handles the answer to a request that the server has sent.
+    /// Handles the editor's answer to a request of the server.
     fn receive_answer(&mut self, answer: Response) {
         let is_configuration = answer.id.to_string().contains(CONFIGURATION);
         if let (true, Ok(settings)) = (is_configuration, &answer.response_result) {
@@ -381,7 +380,7 @@ impl Server {
         }
     }
 
-    /// Asks the editor to report changed graphs, if the editor can. The checker polls all other files that documents depend on.
+    /// Asks the editor to report changed graph files, if it can. All other files on which documents depend are polled by the checker.
     fn register(&mut self) {
         if self.client.watches_files {
             let watchers =
@@ -401,7 +400,7 @@ impl Server {
         let _ = self.sender.send(Request { id, method: method.into(), params }.into());
     }
 
-    /// Updates a document that was opened or changed.
+    /// Stores the new text of a document that was opened or changed, and checks it.
     pub(crate) fn put(&mut self, uri: Uri, version: i32, text: String) {
         let Some(path) = path_of(&uri).map(|path| resolve_path(&path)) else { return };
         let known = self.documents.remove(&path).map(|document| document.uris);
@@ -414,7 +413,7 @@ impl Server {
         self.check(Some(path));
     }
 
-    /// Checks all open documents, in an order that begins with `first`.
+    /// Checks all open documents, beginning with `first`.
     pub(crate) fn check(&mut self, first: Option<PathBuf>) {
         self.project.forget();
         let first = first.map(|path| resolve_path(&path));
@@ -429,18 +428,18 @@ impl Server {
         }
         let uris =
             self.documents.iter().map(|(path, it)| (path.clone(), it.uris.clone())).collect();
-        // Sending cannot fail: the checker thread lives as long as the server.
+        // Sending cannot fail, because the checker thread lives as long as the server.
         let _ = self.checks.send(checker::Job::Check { open, uris, options: self.options() });
     }
 
-    /// Returns the options for loading graphs. They contain the texts of documents that are not saved yet.
+    /// Returns the options for loading graphs. They include the texts of unsaved documents.
     pub(crate) fn options(&self) -> Options {
         let texts = self.documents.iter().map(|(path, it)| (path.clone(), it.text.to_string()));
         let roots = self.choices.roots.clone();
         Options { texts: texts.collect(), roots, pins: true, ..Options::default() }
     }
 
-    /// Opens a file or URL in the editor, or if `external` is true, in the default program of the system.
+    /// Opens a file or URL in the editor. If `external` is true, opens it in the system's default program instead.
     pub(crate) fn show(&mut self, uri: &str, external: bool) {
         if self.client.shows_documents && !self.choices.shows {
             let params = json!({ "uri": uri, "external": external, "takeFocus": true });
@@ -449,7 +448,7 @@ impl Server {
     }
 }
 
-/// The document to which a request refers.
+/// The document that a request is about.
 pub struct Subject<'s> {
     pub(crate) path: PathBuf,
     pub(crate) uri: Uri,
@@ -458,8 +457,8 @@ pub struct Subject<'s> {
 }
 
 impl Server {
-    /// Returns the document to which a request refers. Returns `None` if it is not in the language of this server, or too large for
-    /// anything but diagnostics.
+    /// Returns the document that a request is about. Returns `None` if it is not a graph, patch, test or sweep, or if it is so large that
+    /// it gets only diagnostics.
     pub(crate) fn subject<'s>(&self, uri: &Uri, text: &'s mut Arc<str>) -> Option<Subject<'s>> {
         let path = resolve_path(&path_of(uri)?);
         let document = self.documents.get(&path)?;
@@ -472,7 +471,7 @@ impl Server {
         Some(Subject { path, uri: uri.clone(), lines, options: self.options() })
     }
 
-    /// Shows a message why a large file gets only diagnostics.
+    /// Shows the user a message that explains why a large file gets only diagnostics.
     fn show_large(&self, uri: &Uri, bytes: usize) {
         let message = format!(
             "{} has {} kB: only errors and warnings are reported; `largeFiles` (`maquette.largeFiles`) raises the limit of {} kB",
@@ -485,12 +484,12 @@ impl Server {
         let _ = self.sender.send(Notification { method, params }.into());
     }
 
-    /// Returns true if a text is too large for anything but diagnostics.
+    /// Returns true if a text is so large that it gets only diagnostics.
     pub(crate) fn is_large(&self, text: &str) -> bool {
         self.choices.large_files != 0 && self.choices.large_files * 1_000 < text.len()
     }
 
-    /// Returns the results of the last evaluation of a graph.
+    /// Returns the results of the last evaluation of a graph. They are looked up again after an evaluation, and at regular intervals.
     pub(crate) fn last_run(&mut self, path: &Path) -> Rc<LastRun> {
         let evaluations = self.commands.evaluations();
         let known = self.documents.get(path).and_then(|document| document.last.as_ref());
@@ -505,7 +504,7 @@ impl Server {
         let graph = checked.graph.or(checked.partial);
         let last = match (graph, &document.last) {
             (Some(graph), _) => Rc::new(LastRun::load(&graph, &mut self.session)),
-            // The document is not a valid graph at present. The old results are kept, so that not every change of the text causes a lookup.
+            // The document is not a valid graph at present. Keep the old results, so that not every change of the text causes a lookup.
             (None, Some((.., last))) => last.clone(),
             (None, None) => Rc::default(),
         };
@@ -517,7 +516,7 @@ impl Server {
         Library::new(&self.catalog, path, options)
     }
 
-    /// Returns the URI of a file. If the file is open, the URI has the form that the editor uses.
+    /// Returns the URI of a file. For an open document, this is the URI exactly as the editor writes it.
     pub(crate) fn uri(&self, path: &Path) -> Uri {
         self.documents
             .get(path)
@@ -525,17 +524,17 @@ impl Server {
             .unwrap_or_else(|| position::uri_of(path))
     }
 
-    /// Returns the text of a file: the present text of an open document, otherwise the content on disk.
+    /// Returns the text of a file: the current text of an open document, otherwise the content on disk.
     pub(crate) fn text(&self, path: &Path) -> Arc<str> {
         let open = self.documents.get(path).map(|document| document.text.clone());
         open.unwrap_or_else(|| maquette_value::fs::read_text(path).unwrap_or_default().into())
     }
 }
 
-/// The method that requests settings from the editor.
+/// The protocol method by which the server requests settings from the editor.
 const CONFIGURATION: &str = "workspace/configuration";
 
-/// Returns true if one of the waiting messages cancels the request.
+/// Returns true if one of the messages in `waiting` cancels the request `id`.
 fn is_cancelled(id: &RequestId, waiting: &VecDeque<Message>) -> bool {
     waiting.iter().any(|message| match message {
         Message::Notification(notification) => {
@@ -545,8 +544,8 @@ fn is_cancelled(id: &RequestId, waiting: &VecDeque<Message>) -> bool {
     })
 }
 
-/// Returns true if a text is a graph, a patch, a test or a sweep. Outside of a project the text must also contain a typical field, because
-/// other programs use RON, too.
+/// Returns true if a text is a graph, patch, test or sweep. Outside of a project the text must also contain a typical field, because other
+/// programs also use the file format RON.
 pub fn is_ours(path: &Path, text: &str) -> bool {
     let fields: &[&str] = match first_word(text) {
         "Graph" => &["nodes", "outputs"],
@@ -557,7 +556,7 @@ pub fn is_ours(path: &Path, text: &str) -> bool {
     is_in_project(path) || is_ron(path) && has_field(text, fields)
 }
 
-/// Returns true if the outermost call in a text has one of these fields.
+/// Returns true if the outermost call in a text has at least one of these fields.
 fn has_field(text: &str, fields: &[&str]) -> bool {
     let mut found = false;
     for_each_word(text, |frames, passed| {
@@ -568,7 +567,7 @@ fn has_field(text: &str, fields: &[&str]) -> bool {
     found
 }
 
-/// Returns true if the text of a file in a project is still too short to determine its kind.
+/// Returns true if a file in a project has so little text that it may become a graph, patch, test or sweep.
 pub fn is_new(path: &Path, text: &str) -> bool {
     let word = first_word(text);
     let begins = ["Graph", "Patch", "Test", "Sweep"].iter().any(|known| known.starts_with(word));

@@ -1,4 +1,4 @@
-//! Signature help: the fields of the call at a position.
+//! Signature help: shows the fields of the call at the cursor.
 
 use maquette_syntax::{TypedKind, cursor};
 use serde_json::{Value as Json, json};
@@ -7,7 +7,7 @@ use super::expected_syntax::{BracketContent, SyntaxResolver};
 use super::library::Library;
 use super::scope::Scope;
 
-/// Returns the call that contains a position, and the field at that position. Returns `null` outside of calls.
+/// Returns the call that contains the offset `at`, and the field at that offset. Returns `null` outside of calls.
 pub(super) fn signature(library: &Library<'_>, text: &str, at: usize) -> Json {
     let cursor = cursor(text, at);
     let scope = Scope::parse(text);
@@ -33,7 +33,7 @@ pub(super) fn signature(library: &Library<'_>, text: &str, at: usize) -> Json {
         .collect();
     let mut signature =
         json!({ "label": format!("{owner}({})", labels.join(", ")), "parameters": parameters });
-    // If the call has no such field, no field is highlighted.
+    // If the call has no field with this name, no field is highlighted.
     let active = frame.field.as_ref().map(|name| {
         fields.iter().position(|field| field.name == name.text).unwrap_or(fields.len())
     });

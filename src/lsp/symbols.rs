@@ -54,7 +54,7 @@ pub(super) fn symbols(lines: &Lines<'_>) -> Json {
     symbols.collect()
 }
 
-/// Returns the entries of all sections whose names match the query: they contain its letters in order.
+/// Returns the entries of all sections whose names match the query, that is, contain its letters in order.
 pub(super) fn flat_symbols(lines: &Lines<'_>, uri: &Uri, query: &str) -> Vec<Json> {
     let mut found = Vec::new();
     for section in outline::sections(lines.text()) {
@@ -86,7 +86,7 @@ impl Server {
     /// Returns the names that match the query, from all files of the open projects.
     pub(super) fn workspace_symbols(&self, query: &str) -> Json {
         let options = self.options();
-        // The file need not exist: any path in a folder identifies the project of the folder.
+        // Pass the path of a file, because functions expect one. It need not exist: any path in a folder identifies the folder's project.
         let folders = self.folders.iter().map(|folder| folder.join("maquette.toml"));
         let mut files = Vec::<PathBuf>::new();
         for path in folders.chain(self.documents.keys().cloned()) {

@@ -1,5 +1,5 @@
-//! Messages over stdin and stdout. If a message violates the protocol, it is answered with an error, and reading continues at the next
-//! header.
+//! Exchanges messages with the editor over stdin and stdout. A message that violates the protocol is answered with an error, and reading
+//! continues at the next header.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Write, stdin, stdout};
@@ -13,28 +13,28 @@ use lsp_server::{Connection, ErrorCode, Message, Notification, Request, RequestI
 use maquette_engine::writing;
 use serde_json::{Map, Value as Json, json};
 
-/// The maximum length of a message in bytes. No editor opens a larger text.
+/// The maximum length of a message in bytes, larger than any text that an editor opens.
 const MAX_BYTES: u64 = 1 << 28;
 
-/// The maximum length of a header line in bytes. A longer line is not a header; only its end is kept, because a header may begin there.
+/// The maximum length of a header line in bytes. A longer line is not a header. Only its end is kept, because a header may begin there.
 const MAX_LINE: usize = 4096;
 
-/// The maximum number of messages that are read ahead. The server looks for cancelled requests among them.
+/// The maximum number of messages that are read ahead. The server searches them for requests to cancel.
 const QUEUE: usize = 256;
 
 /// The header that gives the length of each message.
 const LENGTH: &[u8] = b"content-length:";
 
-/// The prefix of the text that replaces an id which [`RequestId`] cannot represent, such as `null` or a number of more than 32 bits.
+/// The start of the text that replaces a request id which [`RequestId`] cannot represent, such as `null` or a number of more than 32 bits.
 const OTHER_ID: &str = "maquette-json-id ";
 
-/// The threads of a connection.
+/// The threads that read and write the messages of a connection.
 pub struct Threads {
     writer: JoinHandle<io::Result<()>>,
 }
 
 impl Threads {
-    /// Waits until all messages are written. Does not wait for the reader, because another process may keep stdin open.
+    /// Waits until all messages are written. Does not wait for the reading thread, because another process may keep stdin open.
     ///
     /// # Errors
     /// If stdout cannot be written.
@@ -43,7 +43,7 @@ impl Threads {
     }
 }
 
-/// Opens a connection over stdin and stdout, which also logs each message to a file if one is given.
+/// Opens a connection over stdin and stdout. If `log` is given, each message is also written to that file.
 ///
 /// # Errors
 /// If the log file cannot be created.
@@ -51,13 +51,12 @@ pub fn stdio(log: Option<&Path>) -> io::Result<(Connection, Threads)> {
     let log = MessageLog::new(log)?;
     let (to_server, receiver) = crossbeam_channel::bounded(QUEUE);
     let (sender, to_editor) = crossbeam_channel::unbounded::<Message>();
-    // The reader thread may outlive the server. If it could send errors through the server's channel, that channel would stay open. So the
-    // thread has a separate channel for errors.
+    // Give the reader thread its own channel for errors. It may outlive the server, and would keep the server's channel open.
     let (errors, refusals) = crossbeam_channel::unbounded();
     let reader_log = log.clone();
     std::thread::spawn(move || {
         let mut frames = Frames { input: BufReader::new(stdin()), is_lost: false };
-        // The end of stdin means that the editor has ended.
+        // The loop ends when stdin ends, which means that the editor has ended.
         while let Ok(Some(frame)) = frames.next() {
             let message = frame.map_err(|why| refusal(Json::Null, ErrorCode::ParseError, why));
             match message.and_then(|body| message_of(&body, &reader_log)) {
@@ -92,7 +91,7 @@ pub fn stdio(log: Option<&Path>) -> io::Result<(Connection, Threads)> {
     Ok((Connection { sender, receiver }, Threads { writer }))
 }
 
-/// Converts the id of a request, which may be any JSON value.
+/// Converts the id of a request, which may be any JSON value, to a [`RequestId`].
 pub(super) fn id_of(id: &Json) -> RequestId {
     let number = id.as_i64().and_then(|id| i32::try_from(id).ok());
     match (number, id) {
@@ -106,19 +105,20 @@ fn refusal(id: Json, code: ErrorCode, why: String) -> Box<Response> {
     Box::new(Response::new_err(id_of(&id), code as i32, why))
 }
 
-/// Reads the bodies of messages from a stream.
+/// Splits a stream of bytes into the bodies of messages.
 struct Frames<R> {
     input: R,
-    /// True after a protocol error. The error has been reported, and everything up to the next header is skipped.
+    /// True after a protocol error. The error has been returned, and the input is being skipped up to the next header.
     is_lost: bool,
 }
 
 impl<R: BufRead> Frames<R> {
-    /// Returns the body of the next message, or a message about a protocol error. Returns `None` at the end of the stream.
+    /// Returns the body of the next message, or an error message if the input violates the protocol. Returns `None` at the end of the
+    /// input.
     fn next(&mut self) -> io::Result<Option<Result<Vec<u8>, String>>> {
         let (mut length, mut has_header) = (None, false);
         loop {
-            // Text that begins like a message is rejected at once, because its sender may never end the line.
+            // Reject a message without a header at once, instead of waiting for the end of the line, which may never come.
             if !self.is_lost
                 && !has_header
                 && self.input.fill_buf()?.first().is_some_and(|first| b"{[".contains(first))
@@ -180,7 +180,8 @@ impl<R: BufRead> Frames<R> {
     }
 }
 
-/// Parses the body of a message. Returns `None` for an answer to an unknown request, and an error response if the body is not a message.
+/// Parses the body of a message. Returns `None` for an answer to a request that the server did not send. Returns an error response if the
+/// body is not a message.
 fn message_of(body: &[u8], log: &MessageLog) -> Result<Option<Message>, Box<Response>> {
     let text = String::from_utf8_lossy(body);
     log.write("editor", &text);
@@ -223,7 +224,7 @@ fn answer(id: Option<Json>, fields: &mut Map<String, Json>) -> Option<Message> {
     })
 }
 
-/// Replaces unpaired surrogates such as `\ud83d` by `\ufffd`. Some editors send them while the user types.
+/// Replaces each unpaired surrogate such as `\ud83d` by `\ufffd`. Some editors send these while the user types.
 fn without_lone_surrogates(json: &str) -> String {
     let mut new = String::with_capacity(json.len());
     let mut rest = json;
@@ -267,7 +268,7 @@ fn write(out: &mut impl Write, message: &Message, log: &MessageLog) -> io::Resul
     out.flush()
 }
 
-/// A log file. It contains a line for each message, with the time in seconds since the start.
+/// A log file with a line for each message. Each line begins with the time in seconds since the start.
 #[derive(Clone)]
 struct MessageLog(Option<Arc<Mutex<(Instant, File)>>>);
 
@@ -282,7 +283,7 @@ impl MessageLog {
             let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
             let seconds = log.0.elapsed().as_secs_f64();
             let line = message.replace(['\n', '\r'], " ");
-            // A write error is ignored: the log must not prevent the server from answering.
+            // Ignore a write error: the log must not prevent the server from answering.
             let _ = writeln!(log.1, "{seconds:.3} {who}: {line}");
         }
     }
@@ -292,7 +293,7 @@ impl MessageLog {
 mod tests {
     use super::*;
 
-    /// Returns the bodies that are read from some bytes, with `!` for each protocol error.
+    /// Returns the message bodies in the input, and `!` for each protocol error.
     fn read(input: &str) -> Vec<String> {
         let mut frames = Frames { input: input.as_bytes(), is_lost: false };
         let bodies = std::iter::from_fn(|| {
@@ -330,7 +331,7 @@ mod tests {
     fn headers_may_come_in_any_order_and_case() {
         let other = "content-type: x\ncontent-LENGTH:2 \n\n{}\r\n\r\n";
         assert_eq!(read(&format!("{other}{other}")), ["{}", "{}"]);
-        // An incomplete message at the end of the input is ignored.
+        // Ignore an incomplete message at the end of the input.
         assert_eq!(read("Content-Length: 9\r\n\r\n{}"), Vec::<String>::new());
     }
 
@@ -362,7 +363,7 @@ mod tests {
         assert_eq!(code("[]"), (null.clone(), -32600));
         assert_eq!(code("{}"), (null, -32600));
         assert_eq!(code("{\"id\": 3, \"method\": 4}"), (3.into(), -32600));
-        // These are answers to unknown requests, which are ignored.
+        // These are answers to requests that the server did not send; they are ignored.
         for body in ["{\"id\": null, \"error\": {}}", "{\"error\": 3}"] {
             assert!(message_of(body.as_bytes(), &MessageLog(None)).unwrap().is_none(), "{body}");
         }

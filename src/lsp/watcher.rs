@@ -1,4 +1,4 @@
-//! Polls the files on which open documents depend. Few editors report changes outside of their folders, and some report none.
+//! Polls the files on which open documents depend, because few editors report changes outside of their folders and some report none.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use std::time::Duration;
 use crossbeam_channel::Sender;
 use maquette_graph::file_stat::FileStat;
 
-/// An event that is not a message of the editor.
+/// An event that does not come as a message of the editor.
 pub(super) enum Event {
     /// The process of the editor has ended.
     EditorEnded,
@@ -16,19 +16,19 @@ pub(super) enum Event {
     FilesChanged,
 }
 
-/// The polling interval.
+/// The interval at which the files are polled.
 const INTERVAL: Duration = Duration::from_millis(700);
 
-/// The metadata of each file, which changes when the file changes; `None` if the file does not exist.
+/// The metadata of each polled file, which changes when the file changes. `None` if the file does not exist.
 type FileStamps = Mutex<BTreeMap<PathBuf, Option<FileStat>>>;
 
-/// Polls files until it is dropped.
+/// A thread that polls files until this value is dropped.
 pub(super) struct Watcher {
     stamps: Arc<FileStamps>,
 }
 
 impl Watcher {
-    /// Starts a thread that sends an event whenever a file has changed.
+    /// Starts a thread that sends an event whenever a polled file has changed.
     pub(super) fn start(events: Sender<Event>) -> Self {
         let stamps = Arc::<FileStamps>::default();
         let weak = Arc::downgrade(&stamps);
@@ -51,7 +51,7 @@ fn poll(stamps: &Weak<FileStamps>, events: &Sender<Event>) {
     loop {
         std::thread::sleep(INTERVAL);
         let Some(stamps) = stamps.upgrade() else { return };
-        // The list is cloned, so that a caller of `watch` does not wait for a slow disk.
+        // Clone the list, so that the lock is not held while a slow disk is read.
         let known = lock(&stamps).clone();
         let mut has_changed = false;
         for (file, before) in known {

@@ -1,7 +1,7 @@
-//! A log of messages for live pages. Each page reads at its own speed; a page that is too slow misses messages.
+//! A log of messages for the open live pages. Each page reads at its own speed. A page that reads too slowly misses messages.
 //!
-//! Messages that all pages have read are removed. If there are too many messages, the oldest are removed even if some pages have not read
-//! them. So a page that never reads cannot fill the memory.
+//! Messages that all pages have read are removed. If the log becomes too long, the oldest messages are removed even if some pages have not
+//! read them. So a page that does not read cannot fill the memory.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex};
@@ -10,15 +10,15 @@ use tokio::sync::watch;
 
 use super::lock_ignoring_poison;
 
-/// The maximum number of messages in the log, and the maximum total size of messages in bytes. A page that falls further behind gets the
+/// The maximum number of messages in the log, and their maximum total size in bytes. A page that misses messages for this reason gets the
 /// complete state again.
 const MAX_BEHIND: usize = 1024;
 const MAX_BEHIND_BYTES: usize = 8 << 20;
 
-/// The log of messages, with its listeners.
+/// A log of messages, with the listeners that read it.
 pub(super) struct EventLog {
     log: Mutex<Log>,
-    /// Notifies listeners when there are new messages.
+    /// Wakes the listeners when there are new messages.
     notifier: watch::Sender<()>,
 }
 
@@ -29,20 +29,20 @@ struct Log {
     bytes: usize,
     /// The number of messages that have been removed from the log.
     removed: u64,
-    /// For each listener the number of messages up to which it has read, counting removed messages, too.
+    /// The number of messages that each listener has read, by the number of the listener. Removed messages count, too.
     read_counts: BTreeMap<u64, u64>,
-    /// The number that the next listener gets.
+    /// The number of the next listener.
     next: u64,
 }
 
-/// A reader of the log.
+/// A reader of the log, for one open page.
 pub(super) struct Listener<'n> {
     news: &'n EventLog,
     number: u64,
     bell: watch::Receiver<()>,
 }
 
-/// The error that a listener has missed messages.
+/// The error that messages were removed from the log before the listener read them.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct MissedEventsError;
 
@@ -60,7 +60,7 @@ impl EventLog {
         self.notifier.send_replace(());
     }
 
-    /// Creates a listener that receives the messages sent from now on.
+    /// Creates a listener that receives all messages sent after this call.
     pub(super) fn listen(&self) -> Listener<'_> {
         let bell = self.notifier.subscribe();
         let mut log = lock_ignoring_poison(&self.log);
@@ -76,7 +76,7 @@ impl Log {
     fn remove_old(&mut self) {
         let wanted = self.read_counts.values().min().copied().unwrap_or(u64::MAX);
         while let Some(first) = self.texts.front() {
-            // The last message is kept, however large it is. Otherwise all listeners would miss it.
+            // Keep the last message, however large it is. Otherwise every listener would miss it.
             let is_much = self.texts.len() > MAX_BEHIND
                 || (self.bytes > MAX_BEHIND_BYTES && self.texts.len() > 1);
             if wanted <= self.removed && !is_much {

@@ -1,9 +1,9 @@
-//! A value in the form in which live pages show it: a description, and columns of bytes for the graphics card.
+//! Converts a value to the form in which live pages draw it: a description, and columns (arrays of bytes) for the graphics card.
 //!
-//! A column is named by the hash of its content, so a page never loads the same bytes twice.
+//! A column is named by the hash of its content, so a page loads the same bytes only once.
 //!
-//! Some columns are needed only by some views, such as edges and attribute numbers. They are computed on request and named by the hash of
-//! the value.
+//! Some columns are needed only in some views, such as those of edges and of attributes. They are computed when a page requests them, and
+//! are named by the hash of the value.
 
 use std::collections::HashMap;
 use std::sync::{Arc, OnceLock};
@@ -24,31 +24,31 @@ use super::pick::Pickable;
 /// The maximum width and height in pixels of a picture. All graphics cards support this size.
 const MAX_PIXELS: usize = 8192;
 
-/// The maximum number of values in a plotted series that pages get.
+/// The maximum number of values of a plotted series that a page receives.
 const MAX_NUMBERS: usize = 4096;
 
-/// The maximum number of violating elements that pages list for each required property.
+/// The maximum number of violating elements that a page lists for each required property.
 const MAX_LISTED: usize = 100;
 
-/// The block size in bytes for comparing two versions of a column.
+/// The size in bytes of the blocks in which two versions of a column are compared.
 const BLOCK: usize = 1024;
 
-/// A value that a live page views.
+/// A value that a live page shows.
 pub struct ViewedValue {
     pub value: AnyValue,
-    /// The picture that represents the value, if it is shown as a picture.
+    /// The picture that represents the value; `None` if the value is not shown as a picture.
     pub picture: Option<Picture>,
-    /// The background picture, on which the picture of the value is drawn.
+    /// The background picture on which `picture` is drawn.
     pub(crate) ground: Option<OwnedBackdrop>,
-    /// The description of the value for pages.
+    /// The description of the value that pages receive.
     pub(super) about: Json,
-    /// The required properties of the value (`required`), and those that it violates (`broken`).
+    /// The properties that nodes require of the value (`required`), and those of them that it lacks (`broken`).
     pub required: Vec<Requirement>,
     broken: Vec<UnmetRequirement>,
     columns: HashMap<String, Content>,
     /// The shapes with which the value is drawn in 3D.
     shapes: Vec<Arc<Shape>>,
-    /// The pixels of visible pictures, by the hash of the picture, each with width and height.
+    /// The pixels, width and height of each visible picture, by the hash of the picture.
     pixels: HashMap<Hash, (Column<[u8; 4]>, [usize; 2])>,
     size: usize,
     pickable: OnceLock<Pickable>,
@@ -74,8 +74,8 @@ impl Content {
 }
 
 impl ViewedValue {
-    /// Prepares a value for pages. `layers` are its visual representation, `required` its required properties, and `ground` the picture on
-    /// which it is drawn. Parts of the previous value `before` are reused where that is faster.
+    /// Prepares a value for pages. `layers` are its visual representation, `required` are the properties that nodes require of it, and
+    /// `ground` is the picture on which it is drawn. Parts of the earlier value `before` are reused where that is faster.
     pub fn new(
         value: AnyValue,
         layers: Vec<Layer>,
@@ -100,7 +100,7 @@ impl ViewedValue {
             pickable: OnceLock::new(),
         };
         let flat = shown.flat(layers);
-        // Plots are left out here, because pages draw plots with labels themselves.
+        // Leave out plots, because pages draw plots and their labels themselves.
         let in_space = layers.iter().filter(|layer| !matches!(layer, Layer::Plot(_))).cloned();
         let start = before.map_or(&[][..], |before| &before.shapes);
         let shapes = Shapes::from_layers(&Vec::from_iter(in_space), start);
@@ -123,27 +123,27 @@ impl ViewedValue {
         shown
     }
 
-    /// Returns the layers of the value, with marks at violations of required properties.
+    /// Returns the layers of the value. Elements that violate a required property are marked.
     pub(super) fn layers(&self) -> Vec<Layer> {
         mark_violations(self.value.show(), &self.broken)
     }
 
-    /// Returns the content of a column of the value.
+    /// Returns the content of the column with this name, or `None` if the value has no such column.
     pub(super) fn column(&self, name: &str) -> Option<&Content> {
         self.columns.get(name)
     }
 
-    /// Returns the index for picking elements with the pointer. The index is built on first use.
+    /// Returns the index for finding the element under the pointer. It is built at the first call.
     pub(super) fn pickable(&self) -> &Pickable {
         self.pickable.get_or_init(|| Pickable::new(&self.value))
     }
 
-    /// Returns the size in memory in bytes.
+    /// Returns the memory that the value and its columns need, in bytes.
     pub(super) fn size(&self) -> usize {
         self.size
     }
 
-    /// Returns true if the value would look unchanged on the background picture `ground`.
+    /// Returns true if the value would look the same on the background picture `ground` as on its present one.
     pub fn looks_same_on(&self, ground: Option<&OwnedBackdrop>) -> bool {
         fn ground_key(ground: &OwnedBackdrop) -> (Hash, Option<maquette_value::Registration>) {
             (ground.image.hash(), ground.registration)
@@ -176,7 +176,7 @@ impl ViewedValue {
         let uv = shape.uv.as_ref().map(|uv| self.store_column(uv));
         let triangle = self.store_column(&shape.triangles);
         let texture = shape.textured_material().map(|material| self.texture(material));
-        // For each group of triangles with one material: the number of triangles and the texture.
+        // Each run of triangles with the same material, as the number of triangles and the texture.
         let stretches: Vec<_> = shape.material_runs.iter().map(|&(count, number)| {
             let material = number.and_then(|number| shape.materials().get(number));
             json!({ "count": count, "texture": material.map(|material| self.texture(material)) })
@@ -227,7 +227,7 @@ impl ViewedValue {
         json!({ "size": size, "pixels": picture.map(|image| self.image(image)), "wrap": wrap })
     }
 
-    /// Returns the pixels of a picture as RGBA with alpha 255.
+    /// Describes a picture and stores its pixels as a column, in RGBA with alpha 255.
     fn image(&mut self, image: &Image) -> Json {
         let hash = hash_of(image);
         let (pixels, size) = self.pixels.remove(&hash).unwrap_or_else(|| pixels_of(image));
@@ -236,7 +236,7 @@ impl ViewedValue {
         about
     }
 
-    /// Stores a column and returns its name.
+    /// Stores a column and returns the name by which pages request it.
     fn store_column<T: NoUninit + Send + Sync>(&mut self, items: &Column<T>) -> String {
         let name = name_of(items.hash());
         self.size += items.size();
@@ -246,7 +246,7 @@ impl ViewedValue {
     }
 }
 
-/// Returns the pixels of a picture, reduced to a size that all graphics cards support, and the reduced size.
+/// Returns the pixels of a picture as RGBA, and its size. A picture that is too large for some graphics cards is scaled down.
 fn pixels_of(image: &Image) -> (Column<[u8; 4]>, [usize; 2]) {
     let longest = image.width().max(image.height()).max(1);
     let share = (MAX_PIXELS as f64 / longest as f64).min(1.0);
@@ -257,13 +257,13 @@ fn pixels_of(image: &Image) -> (Column<[u8; 4]>, [usize; 2]) {
     (pixels.iter().map(|&[r, g, b]| [r, g, b, 255]).collect(), size)
 }
 
-/// Returns the layers of a value with marks at violations of required properties.
+/// Marks the elements that violate a required property in the layers of a value.
 fn mark_violations(mut layers: Vec<Layer>, broken: &[UnmetRequirement]) -> Vec<Layer> {
     broken.iter().for_each(|broken| broken.violation.mark(&mut layers));
     layers
 }
 
-/// The items of a column, which can be read as bytes.
+/// The items of a column, for reading them as bytes.
 struct RawItems<T>(Column<T>);
 
 impl<T: NoUninit + Send + Sync> AsRef<[u8]> for RawItems<T> {
@@ -281,7 +281,7 @@ fn name_of(hash: Hash) -> String {
     hash.to_string()[..32].to_owned()
 }
 
-/// Describes a series for pages. A long series is reduced to every n-th number.
+/// Describes a series for pages. Of a long series, only every n-th number is sent.
 fn about_series(series: &Series) -> Json {
     let stride = series.numbers.len().div_ceil(MAX_NUMBERS).max(1);
     fn sample_numbers(numbers: &[f64], stride: usize) -> Json {
@@ -290,9 +290,9 @@ fn about_series(series: &Series) -> Json {
     json!({ "name": series.name, "at": sample_numbers(&series.at, stride), "numbers": sample_numbers(&series.numbers, stride) })
 }
 
-/// Returns the changes between two columns, if the columns have the same length and the changes are smaller than the column. The changes
-/// consist of the length of a block in bytes, the number of changed blocks, the indices of these blocks, and their bytes. All numbers have
-/// 32 bits and are little-endian.
+/// Returns the changes between two versions of a column. Returns `None` if the columns differ in length, or if the changes are not smaller
+/// than the column. The changes consist of the length of a block in bytes, the number of changed blocks, the indices of these blocks, and
+/// their bytes. All numbers have 32 bits and are little-endian.
 pub(super) fn changes(old: &[u8], new: &[u8]) -> Option<Vec<u8>> {
     if old.len() != new.len() {
         return None;
@@ -317,7 +317,7 @@ mod tests {
 
     use super::*;
 
-    /// Applies changes to a column, as a page does.
+    /// Applies changes to the old version of a column, as a page does.
     fn apply_changes(old: &[u8], changes: &[u8]) -> Vec<u8> {
         let number =
             |k: usize| u32::from_le_bytes(changes[4 * k..][..4].try_into().unwrap()) as usize;

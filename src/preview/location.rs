@@ -1,4 +1,4 @@
-//! Locations in files. A page may ask to open some of them in an editor.
+//! Locations in source files. A page may ask the watch to open some of them in an editor.
 
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ pub struct Location {
 }
 
 impl PageState {
-    /// Returns the location of the box with this name, if the pages show such a box.
+    /// Returns the location in the graph file of the node whose box in the diagram has this name, if pages show such a box.
     pub(super) fn box_location(&self, name: &str) -> Option<Location> {
         let text = lock_ignoring_poison(&self.feed).graph.clone()?;
         let graph: Json = serde_json::from_str(&text).ok()?;
@@ -24,8 +24,8 @@ impl PageState {
         Location::deserialize(boxes.find(|item| item["name"] == name)?).ok()
     }
 
-    /// Returns true if a current diagnostic is at this location, or its note, or a use of a graph that leads to the diagnostic. A page may
-    /// open only these locations and the locations of boxes.
+    /// Returns true if a current diagnostic, its note, or a use of a graph that leads to it is at this location. A page may open only these
+    /// locations and those of boxes.
     pub(super) fn has_problem_at(&self, place: &Location) -> bool {
         let text = lock_ignoring_poison(&self.feed).problems.clone();
         let event = text.and_then(|text| serde_json::from_str::<Json>(&text).ok());

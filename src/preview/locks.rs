@@ -1,4 +1,4 @@
-//! Locks mutexes without regard to panics of other threads.
+//! Locks mutexes even after a thread has panicked.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

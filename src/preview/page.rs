@@ -1,4 +1,4 @@
-//! The live page of a watch, and the state that its server shares with the watch.
+//! The live page of a watch, and the state that its server and the watch share.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io;
@@ -22,33 +22,34 @@ use crate::locks::lock_ignoring_poison;
 use crate::saved_address::Redirect;
 use crate::{pixel_probe, server};
 
-/// The live page, which is served until the program ends.
+/// The live page. It is served until the program ends.
 pub struct Page {
     pub(crate) shared: Arc<PageState>,
     pub(crate) keeper: Option<Keeper>,
 }
 
-/// An output that a page views: of a node, or of a used graph.
+/// An output that a page shows: an output of a node, or of a used graph.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 pub struct ViewedOutput {
     pub node: String,
     pub output: String,
 }
 
-/// The outputs that at least one page views.
+/// The outputs that at least one page shows.
 pub type Views = BTreeSet<ViewedOutput>;
 
-/// A request of a page to the watch.
+/// A request of a page to the watch (the running `maquette watch`).
 #[derive(Clone, Debug)]
 pub enum PageRequest {
-    /// Reports that the set of viewed outputs has changed.
+    /// Reports that pages now show these outputs.
     SetViews(Views),
-    /// Writes values to the graph file. The number identifies the page. Each value has a name (a parameter, or a field as `node.field`) and
-    /// its text as RON.
+    /// Writes new values to the graph file. The number identifies the page. Each pair is the name of a parameter (or `node.field`) and its
+    /// value as RON.
     Set(u64, Vec<(String, String)>),
-    /// Evaluates the graph with values, given as for [`Self::Set`], without writing the values.
+    /// Evaluates the graph with new values that are not written to the file, while the user drags a slider or handle. The arguments are as
+    /// in [`Self::Set`].
     Drag(u64, Vec<(String, String)>),
-    /// Ends a drag, the evaluations that [`Self::Drag`] has requested. This is also sent when the page disconnects.
+    /// Ends the drag of this page. Is also sent when the page disconnects.
     EndDrag(u64),
     /// Undoes the last change of the graph file by a page.
     Undo,
@@ -58,16 +59,16 @@ pub enum PageRequest {
 
 /// A question of a page about a viewed value. Only the page that asked gets the answer.
 pub struct Question {
-    /// The id of the question, which the answer repeats.
+    /// The id of the question. The answer contains the same id.
     pub(crate) id: u64,
     pub(crate) viewed: ViewedOutput,
     pub(crate) about: QuestionKind,
 }
 
 pub enum QuestionKind {
-    /// Asks for the value at a pixel, given as [column, row].
+    /// The value at a pixel, given as [column, row].
     Pixel([usize; 2]),
-    /// Asks for the element that a ray hits first.
+    /// The first element that a ray hits.
     Sight(PickRay),
 }
 
@@ -80,34 +81,35 @@ impl QuestionKind {
     }
 }
 
-/// The state that the server shares with the watch.
+/// The state that the server of the page and the watch share.
 pub struct PageState {
     pub(crate) address: SocketAddr,
-    /// The secret token that a browser must send.
+    /// The secret token that a browser must send to connect.
     pub(crate) token: String,
     pub(crate) feed: Mutex<Feed>,
     pub(crate) event_log: EventLog,
-    /// The outputs that each page views, by the number of the page's socket.
+    /// The outputs that each page shows, by the number of the page's socket.
     pub(crate) views_by_socket: Mutex<BTreeMap<u64, Views>>,
     /// True if editors may embed the page in a frame.
     pub(crate) in_editor: bool,
-    /// The function that is called with each request of a page.
+    /// The function that is called for each request of a page.
     pub(crate) on_request: Box<dyn Fn(PageRequest) + Send + Sync>,
     pub(crate) values: Mutex<Values>,
 }
 
-/// The maximum total size in bytes of previous values that are kept. The total size of the viewed values is added to this limit, so at
-/// least the values that were viewed last are kept, however large they are.
+/// The maximum total size in bytes of values that pages showed before. The limit grows by the total size of the values that pages show now.
+/// So at least the values shown last are kept, however large they are.
 pub const MAX_KEPT_BYTES: usize = if cfg!(test) { 1 << 10 } else { 128 << 20 };
 
-/// The maximum number of previous values that are kept.
+/// The maximum number of values that are kept after pages have stopped showing them.
 pub const MAX_KEPT: usize = 64;
 
-/// The last valid value of each viewed output, and previous values.
+/// The last valid value of each output that pages show, and earlier values.
 #[derive(Default)]
 pub struct Values {
     pub(crate) current: BTreeMap<ViewedOutput, Arc<ViewedValue>>,
-    /// Previous values, the newest last. A page that still has the columns of a previous value needs only the changes since then.
+    /// Values that pages showed earlier, the newest last. A page that still has the columns of such a value needs only the changes since
+    /// then.
     pub(crate) previous: VecDeque<Arc<ViewedValue>>,
 }
 
@@ -121,7 +123,7 @@ impl Values {
         let gone = self.current.extract_if(.., |viewed, _| !views.contains(viewed));
         let gone: Vec<_> = gone.map(|(_, shown)| shown).collect();
         if views.is_empty() {
-            // No page views an output, so no page has older columns that could be updated by their changes.
+            // No page shows an output, so no page has old columns for which changes would be enough.
             return self.previous.clear();
         }
         self.keep(gone);
@@ -141,7 +143,7 @@ impl Values {
     }
 }
 
-/// The current state as messages. A new page gets them in the order of the fields.
+/// The current state as messages. A page that connects receives them in the order of the fields.
 #[derive(Default)]
 pub struct Feed {
     pub(crate) hello: Option<Arc<str>>,
@@ -151,17 +153,17 @@ pub struct Feed {
     pub(crate) done: Option<Arc<str>>,
     /// The message about the beginning of the current run.
     pub(crate) run: Option<Arc<str>>,
-    /// The last message about each node in the current run.
+    /// The last message about each node in the current run, by the name of the node.
     pub(crate) nodes: BTreeMap<String, Arc<str>>,
     pub(crate) values: BTreeMap<ViewedOutput, Arc<str>>,
 }
 
 impl Page {
-    /// Starts the server on a port of this machine, preferably the port of the last watch. `draft` is true if runs use draft values, and
-    /// `in_editor` is true if editors may embed the page in a frame. `on_request` is called with each request of a page.
+    /// Starts the server on a port of this machine, preferably the port of the last watch. `draft` is true if runs use draft values.
+    /// `in_editor` is true if editors may embed the page in a frame. `on_request` is called for each request of a page.
     ///
     /// # Errors
-    /// An error if the server cannot listen on any port, or if the system provides no random numbers.
+    /// If the server cannot listen on any port, or if the system provides no random numbers.
     pub fn open(
         graph: &Path,
         draft: bool,
@@ -190,8 +192,7 @@ impl Page {
         Ok(Self { shared, keeper })
     }
 
-    /// Returns the URL of the page, which contains the token. Anyone who knows the URL can see the graph, so it must be given only to the
-    /// user.
+    /// Returns the URL of the page, which contains the secret token. Give it only to the user: anyone who knows the URL can see the graph.
     pub fn link(&self) -> String {
         format!("http://{}/#{}", self.shared.address, self.shared.token)
     }
@@ -208,7 +209,7 @@ impl Page {
         keeper.redirect(self.shared.address.port(), &self.link())
     }
 
-    /// Shows a graph on the pages: its boxes with their positions, and its links.
+    /// Shows the diagram of a graph on the pages: a box for each node at its position, and the links.
     pub fn show(&self, graph: &Graph, catalog: &Catalog) {
         let mut message = Drawing::new(graph, catalog).to_json();
         message["event"] = "graph".into();
@@ -216,7 +217,7 @@ impl Page {
         self.shared.send(&message);
     }
 
-    /// Updates the viewed values after a run; values that are not in `values` stay unchanged. `live` is true during a drag.
+    /// Shows new values after a run. Values that are not in `values` do not change. `live` is true during a drag.
     pub fn show_values(
         &self,
         run: usize,
@@ -235,15 +236,16 @@ impl Page {
         }
     }
 
-    /// Returns a function that sends a message to all pages. A page that connects later gets the message, too, while it is current.
+    /// Returns a function that sends a message to all pages. A page that connects later also gets the message, if it still describes the
+    /// current state.
     pub fn message_sender(&self) -> impl Fn(&Json) + Send + Sync + 'static {
         let shared = self.shared.clone();
         move |message| shared.send(message)
     }
 }
 
-/// Listens on the saved port with the saved token if possible, otherwise on a free port with a new token. The new port and token are saved
-/// only if none were saved before: if the saved port is in use, it belongs to another watch of the graph, which keeps it.
+/// Listens on the saved port with the saved token if possible, otherwise on a free port with a new token. A new port and token are saved
+/// only if none were saved before. If the saved port is in use, it belongs to another watch of the same graph, which keeps it.
 pub fn bind(keeper: Option<&Keeper>) -> io::Result<(TcpListener, String)> {
     fn listen(port: u16) -> Result<TcpListener, io::Error> {
         TcpListener::bind((Ipv4Addr::LOCALHOST, port))
@@ -260,14 +262,14 @@ pub fn bind(keeper: Option<&Keeper>) -> io::Result<(TcpListener, String)> {
     let token = format!("{:032x}", u128::from_le_bytes(secret));
     if let (Some(keeper), None) = (keeper, kept) {
         let port = listener.local_addr()?.port();
-        // If the address cannot be saved, the next watch has another URL.
+        // Ignore an error: if the address cannot be saved, the next watch has another URL.
         let _ = keeper.save(&SavedAddress { port, token: token.clone() });
     }
     Ok((listener, token))
 }
 
 impl PageState {
-    /// Sets the outputs that a page views. The set is empty after the page has disconnected.
+    /// Stores which outputs a page shows. The set is empty after the page has disconnected.
     pub(crate) fn set_views(&self, socket: u64, views: Views) {
         let mut looks = lock_ignoring_poison(&self.views_by_socket);
         fn union(looks: &BTreeMap<u64, Views>) -> Views {
@@ -288,19 +290,19 @@ impl PageState {
         }
     }
 
-    /// Returns the value with this hash, if a page views it or it is still kept.
+    /// Returns the value with this hash, if a page shows it or it is kept from earlier.
     pub(crate) fn value(&self, hash: &str) -> Option<Arc<ViewedValue>> {
         let values = lock_ignoring_poison(&self.values);
         values.values().find(|shown| shown.value.hash().to_string() == hash).cloned()
     }
 
-    /// Returns the content of the column with this name, from the viewed and the previous values.
+    /// Returns the content of the column with this name, from a value that a page shows or that is kept from earlier.
     pub(crate) fn column(&self, name: &str) -> Option<Content> {
         let values = lock_ignoring_poison(&self.values);
         values.values().find_map(|shown| shown.column(name).cloned())
     }
 
-    /// Returns the answer to a question about a value.
+    /// Returns the answer to a question of a page about a value.
     pub(crate) fn answer(&self, question: &Question) -> Json {
         let Question { id, viewed, about } = question;
         let shown = lock_ignoring_poison(&self.values).current.get(viewed).cloned();

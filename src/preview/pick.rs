@@ -7,23 +7,24 @@ use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
 use serde_json::{Map, Value as Json, json};
 
-/// The default of [`PickRay::radius`].
+/// The radius that is used if [`PickRay::radius`] is `None`, as a fraction of the distance from the eye.
 const DEFAULT_RADIUS: f64 = 0.01;
 
-/// A ray from the eye through the pointer, in the coordinates of the value.
+/// A ray from the eye through the pointer, in the coordinate system of the value.
 #[derive(Clone, Debug, Deserialize)]
 pub struct PickRay {
     origin: [f64; 3],
     direction: [f64; 3],
-    /// The maximum distance of a picked point from the ray, as a fraction of the point's distance from the eye.
+    /// The maximum distance of a picked point from the ray, as a fraction of the point's distance from the eye. `None` stands for the
+    /// default.
     radius: Option<f64>,
 }
 
-/// An index of a value for fast picking. Its coordinates are those of the first mesh, or of the first layer if there is no mesh.
+/// An index of a value that makes picking fast. Its coordinate system is that of the first mesh, or of the first layer if there is no mesh.
 pub(super) struct Pickable {
     axes: Axes,
     layers: Vec<Layer>,
-    /// A search tree for each mesh among the layers.
+    /// A search tree for each mesh layer.
     trees: Vec<TriangleTree>,
 }
 
@@ -31,13 +32,13 @@ pub(super) struct Pickable {
 struct Hit<'a> {
     kind: &'static str,
     at: Point3<f64>,
-    /// The nearest vertex or point: its index and its position.
+    /// The index and the position of the vertex or point nearest to the hit.
     vertex: (usize, Point3<f64>),
     axes: Axes,
     face: Option<u32>,
-    /// The visible color at the hit, and if it comes from a texture, the pixel of the texture.
+    /// The visible color at the hit. If it comes from a texture, also the pixel of the texture.
     color: Option<(Rgb, Option<[usize; 2]>)>,
-    /// The attributes at the hit. Each has the kind of elements, the attributes of all such elements, and the index of the hit element.
+    /// The attributes at the hit, for each kind of element: the name of the kind, its attributes, and the index of the element.
     attributes: Vec<(&'static str, &'a Attributes, usize)>,
 }
 
@@ -51,8 +52,8 @@ impl Pickable {
         Self { axes, layers, trees }
     }
 
-    /// Describes the first face that the ray hits. If it hits no face, describes the nearest point, line or arrow. Returns `None` if
-    /// nothing is near the ray.
+    /// Describes the first face that the ray hits. If it hits none, describes the point, line or arrow nearest to the ray. Returns `None`
+    /// if all of them are too far from the ray.
     pub(super) fn pick(&self, sight: &PickRay) -> Option<Json> {
         let numbers = sight.origin.iter().chain(&sight.direction).chain(&sight.radius);
         if !numbers.into_iter().all(|number| number.is_finite()) {
@@ -111,7 +112,7 @@ impl Pickable {
         })
     }
 
-    /// Returns the point, the corner of a line or the end of an arrow that has the smallest angle to the ray.
+    /// Returns the point, end of a line segment or end of an arrow that has the smallest angle to the ray.
     fn point(&self, sight: &PickRay) -> Option<Hit<'_>> {
         let mut best: Option<(f64, Hit<'_>)> = None;
         for layer in &self.layers {
@@ -157,7 +158,7 @@ impl Pickable {
         best.map(|(_, found)| found)
     }
 
-    /// Converts the ray to the coordinates of a layer with these axes.
+    /// Converts the ray to the coordinate system `axes` of a layer.
     fn ray(&self, sight: &PickRay, axes: Axes) -> (Point3<f64>, Vector3<f64>) {
         let [origin, direction] = [sight.origin, sight.direction]
             .map(|vector| self.axes.convert(Point3::from(vector), axes));
@@ -165,26 +166,26 @@ impl Pickable {
     }
 }
 
-/// A cone around a ray.
+/// A cone whose axis is a ray. Points inside of it are near enough to be picked.
 struct Cone {
     origin: Point3<f64>,
-    /// The direction, of length 1.
+    /// The direction of the axis, of length 1.
     direction: Vector3<f64>,
-    /// The maximum distance of a point from the ray, as a fraction of the point's distance from the eye.
+    /// The radius of the cone at a point, as a fraction of the point's distance from the eye.
     radius: f64,
 }
 
 impl Cone {
-    /// Creates a cone around a ray. Returns `None` if the direction is zero or not finite.
+    /// Creates a cone around a ray, given by its origin and direction. Returns `None` if the direction is zero or not finite.
     fn new((origin, direction): (Point3<f64>, Vector3<f64>), radius: f64) -> Option<Self> {
-        // The direction is divided by its largest component first, because the square of a huge component would be infinite.
+        // Scale first: the square of a huge component would be infinite.
         let direction = (direction / direction.amax()).normalize();
         let is_one = direction.iter().all(|x| x.is_finite());
         is_one.then_some(Self { origin, direction, radius })
     }
 
-    /// Finds the position with the smallest angle to the ray. Returns the tangent of the angle (the distance from the ray divided by the
-    /// distance along the ray) and the position with its index. If several positions have the same angle, returns the first.
+    /// Finds the position with the smallest angle to the ray. If several positions have that angle, returns the first. Returns the tangent
+    /// of the angle (the distance from the ray divided by the distance along the ray), and the position with its index.
     fn nearest(
         &self,
         places: impl Iterator<Item = (usize, Point3<f64>)>,
@@ -211,8 +212,8 @@ fn axes_of_mesh(mesh: &Mesh) -> Axes {
     if mesh.frame().is_some() { Axes::Sensor } else { Axes::Upright }
 }
 
-/// Returns the color of a mesh where a ray hits it, as `maquette render` draws it: the color of the texture, or without a texture, that of
-/// the nearest corner or vertex.
+/// Returns the color of a mesh where a ray hits it, as `maquette render` draws it. This is the color of the texture, or without a texture,
+/// the color of the nearest corner or vertex.
 fn color_at(
     mesh: &Mesh,
     hit: &RayHit,
@@ -252,7 +253,7 @@ fn in_hexadecimal([r, g, b]: Rgb) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// Returns the attributes of an element by name.
+/// Returns the attributes of an element as JSON, by the name of the attribute.
 fn values(attributes: &Attributes, element: usize) -> Json {
     fn value(attribute: &Attribute, element: usize) -> Json {
         match attribute {
@@ -295,13 +296,13 @@ mod tests {
         let up =
             json!({ "origin": [0.0, -10.0, 0.0], "direction": [0.0, 3.0, 0.0], "radius": 0.05 });
         let found = pick(vec![cloud(Axes::Upright)], &up);
-        // The second point is at the same angle from the ray, but farther away.
+        // The point with index 1 is nearer to the eye, but its angle to the ray is larger.
         assert_eq!((&found["kind"], &found["vertex"]), (&json!("points"), &json!(2)), "{found}");
         assert_eq!(
             (&found["at"], &found["attributes"]),
             (&json!([0.2, 5.0, 0.0]), &json!({ "w": 3.0 }))
         );
-        // Points behind the eye or far from the ray are not picked.
+        // A point behind the eye or outside of the cone is not picked.
         let down =
             json!({ "origin": [0.0, -10.0, 0.0], "direction": [0.0, -1.0, 0.0], "radius": 0.05 });
         assert_eq!(pick(vec![cloud(Axes::Upright)], &down), Json::Null);
@@ -370,7 +371,7 @@ mod tests {
                 assert_eq!(found["at"], json!([place[0], place[1], 0.0]), "{found}");
             }
         }
-        // Without a pose the picture of a mesh is not visible, so the mesh has no color.
+        // Without a camera pose the mesh does not show its picture, so it has no color.
         let sight = json!({ "origin": [1.0, 1.0, 7.0], "direction": [0, 0, -1] });
         assert_eq!(pick(vec![Layer::Triangles(Box::new(bare))], &sight)["color"], Json::Null);
     }

@@ -1,8 +1,8 @@
-//! Saves the port and token of the live page from one watch of a graph to the next. So the URL stays valid, and an open page reconnects to
-//! the next watch.
+//! Saves the port and token of the live page from one watch of a graph to the next. So the URL stays the same, and an open page reconnects
+//! to the next watch.
 //!
-//! The port and token are saved in the user's private state folder. Cached results are elsewhere, because they may be deleted or shared. If
-//! the port and token cannot be saved, the URL changes with the next watch.
+//! They are saved in the user's private folder for program state, and not with the cached results, which may be deleted or shared. If they
+//! cannot be saved, the next watch has another URL.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ pub(super) struct SavedAddress {
     pub(super) token: String,
 }
 
-/// Saves the port and token of a graph's live page in a file.
+/// Saves the port and token of the live page of one graph in a file.
 #[derive(Clone, Debug)]
 pub struct Keeper {
     folder: PathBuf,
@@ -30,11 +30,11 @@ pub struct Keeper {
 /// A file that redirects a browser to the live page. The file is removed when this is dropped.
 pub struct Redirect(PathBuf);
 
-/// The age from which redirect files that killed watches left are removed. By then browsers have read them.
+/// The age at which redirect files of killed watches are removed. By then the browser has read them.
 const REDIRECT_LIFETIME: Duration = Duration::from_secs(3600);
 
 impl SavedAddress {
-    /// Parses the content of the file, such as `41953 0123..`. Returns `None` if it is invalid.
+    /// Parses the content of a saved file, such as `41953 0123..`. Returns `None` if it is invalid.
     fn read(text: &str) -> Option<Self> {
         let (port, token) = text.strip_suffix('\n')?.split_once(' ')?;
         let is_token = token.len() == 32
@@ -45,7 +45,7 @@ impl SavedAddress {
 }
 
 impl Keeper {
-    /// Returns the keeper for a graph, or `None` if the system has no folder for the user's state.
+    /// Creates the keeper of a graph's address. Returns `None` if the system has no folder for program state.
     pub(super) fn for_graph(graph: &Path) -> Option<Self> {
         fn absolute(graph: &Path) -> PathBuf {
             std::path::absolute(graph).unwrap_or_else(|_| graph.to_owned())
@@ -55,7 +55,7 @@ impl Keeper {
         Some(Self { folder: folder()?, name: hash[..32].to_owned() })
     }
 
-    /// Returns the saved address. Returns `None` if other users could have read or written the file.
+    /// Returns the saved port and token. Returns `None` if nothing is saved, or if other users can read or write the file.
     pub(super) fn load(&self) -> Option<SavedAddress> {
         let path = self.path();
         let metadata = std::fs::symlink_metadata(&path).ok()?;
@@ -71,8 +71,8 @@ impl Keeper {
         self.folder.join(&self.name)
     }
 
-    /// Creates a file that redirects to the URL of a page. The browser is started with the path of this file instead of the URL, because
-    /// all users of a machine can read the arguments of programs.
+    /// Creates a file that redirects a browser to the URL `link`. The browser is started with the path of this file, because all users of
+    /// the machine can see the arguments of programs, and the URL contains the secret token.
     pub(super) fn redirect(&self, port: u16, link: &str) -> io::Result<Redirect> {
         self.sweep();
         let path = self.folder.join(format!("{}-{port}.html", self.name));
@@ -84,7 +84,7 @@ impl Keeper {
         Ok(Redirect(path))
     }
 
-    /// Removes redirect files that killed watches left.
+    /// Removes redirect files that killed watches have left.
     fn sweep(&self) {
         for entry in std::fs::read_dir(&self.folder).into_iter().flatten().flatten() {
             let path = entry.path();
@@ -110,7 +110,7 @@ impl Drop for Redirect {
     }
 }
 
-/// Returns the folder for the saved addresses.
+/// Returns the folder in which ports and tokens are saved.
 fn folder() -> Option<PathBuf> {
     fn variable(name: &str) -> Option<PathBuf> {
         std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from)
@@ -122,7 +122,7 @@ fn folder() -> Option<PathBuf> {
     } else {
         variable("HOME").map(|home| home.join(".local/state"))
     };
-    // A relative path is ignored, as the XDG Base Directory Specification requires.
+    // Ignore a relative path, as the XDG Base Directory Specification requires.
     let common = variable("XDG_STATE_HOME").filter(|folder| folder.is_absolute());
     common.or(system).map(|folder| folder.join("maquette").join("pages"))
 }
@@ -186,17 +186,17 @@ mod tests {
             set(&keeper.path(), open);
             assert_eq!(keeper.load(), None, "{open:o}");
         }
-        // The file that replaces the readable one is private again.
+        // Saving replaces the readable file by a private one.
         keeper.save(&saved_address()).unwrap();
         assert_eq!((mode(&keeper.path()), keeper.load()), (0o600, Some(saved_address())));
-        // A symbolic link is not followed either, and its target stays unchanged.
+        // A symbolic link is not followed: it is not read, and its target is not changed.
         let elsewhere = folder.path().join("elsewhere");
         std::fs::rename(keeper.path(), &elsewhere).unwrap();
         symlink(&elsewhere, keeper.path()).unwrap();
         assert_eq!(keeper.load(), None);
         keeper.save(&SavedAddress { port: 7, ..saved_address() }).unwrap();
         assert!(std::fs::read_to_string(&elsewhere).unwrap().starts_with("41953 "));
-        // Nothing is saved in a folder that others can write to.
+        // Saving into a folder that other users can write to is an error.
         set(&keeper.folder, 0o777);
         assert!(keeper.save(&saved_address()).is_err());
     }

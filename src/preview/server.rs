@@ -1,10 +1,10 @@
-//! The HTTP server of the live page: the files of the page, and one WebSocket for each open page.
+//! The HTTP server of the live page. It serves the files of the page, and one WebSocket for each open page.
 //!
-//! Without protection, any website that the user visits could read the user's files from this server. So the server listens only on the
-//! loopback address. It answers only requests whose `Host` is that address, which prevents DNS rebinding. And it opens a socket only for
-//! its own page, which knows the token in the URL.
+//! Without protection, any website that the user visits could read the user's files through this server. So the server listens only on the
+//! loopback address. It answers only requests whose `Host` header is that address, which prevents DNS rebinding. It opens a WebSocket only
+//! for its own page, which knows the secret token in the URL.
 //!
-//! `axum` runs on one thread. Columns need no token: their names are hashes, which only pages that received the names know.
+//! `axum` runs on a single thread. Requests for columns need no token: the names of columns are hashes, which only authorized pages know.
 
 use std::future::pending;
 use std::net::TcpListener;
@@ -35,7 +35,7 @@ use super::{Location, PageRequest, PageState, Question, QuestionKind, ViewedOutp
 
 mod connections;
 
-/// The files of the page, each as (path, content type, content).
+/// The files of the page. Each is a triple of URL path, content type and content.
 const FILES: &[(&str, &str, &str)] = &[
     ("/", "text/html; charset=utf-8", include_str!("web/index.html")),
     ("/icon.svg", "image/svg+xml", include_str!("web/icon.svg")),
@@ -64,10 +64,10 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
                       worker-src 'self'; base-uri 'none'; form-action 'none'; \
                       require-trusted-types-for 'script'; trusted-types 'none'";
 
-/// The sites that may embed the page in a frame: none.
+/// The content security policy for embedding the page in a frame: no site may embed it.
 const NO_FRAMES: &str = "'none'";
 
-/// The sites that may embed the page in a frame if embedding in editors is allowed.
+/// The sites that may embed the page in a frame when the page is opened in an editor.
 const EDITORS: &str =
     "vscode-webview: vscode-file: https://*.vscode-cdn.net http://127.0.0.1:* http://localhost:*";
 
@@ -80,22 +80,22 @@ const HEADERS: [(HeaderName, &str); 6] = [
     (header::CACHE_CONTROL, "no-store"),
 ];
 
-/// The name of the WebSocket subprotocol. The page offers the token as a second subprotocol.
+/// The name of the WebSocket subprotocol. The page sends the token as a second subprotocol name.
 const PROTOCOL: &str = "maquette";
 
-/// The maximum size in bytes of a message from a page.
+/// The maximum size in bytes of a message that a page sends.
 const MAX_MESSAGE_BYTES: usize = 1 << 20;
 
-/// The maximum number of values that a page can view at the same time.
+/// The maximum number of values that one page can show at the same time.
 const MAX_VIEWS: usize = 16;
 
-/// The maximum width and height in pixels of a rendered picture.
+/// The maximum width and height, in pixels, of a picture that the server renders.
 const MAX_PIXELS: usize = 4096;
 
 /// The maximum time for sending a message to a page.
 const SEND_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// Returns the hash of the page's files. An open page compares it with its own to detect that it is out of date.
+/// Returns the hash of the page's files. An open page compares it with the hash of its own files to notice that it is out of date.
 pub(super) fn version() -> &'static str {
     static VERSION: LazyLock<String> = LazyLock::new(|| {
         let mut hasher = blake3::Hasher::new();
@@ -109,13 +109,13 @@ pub(super) fn version() -> &'static str {
     &VERSION
 }
 
-/// Inserts the version, the hash of the page's files, into the content of `index.html`.
+/// Inserts the hash of the page's files into `index.html`.
 fn index(content: &str) -> String {
     let place = "<meta name=\"page\" content=\"\">";
     content.replace(place, &format!("<meta name=\"page\" content=\"{}\">", version()))
 }
 
-/// Starts the server, which runs until the program ends.
+/// Starts the server in a thread that runs until the program ends.
 pub(super) fn start(listener: TcpListener, shared: Arc<PageState>) -> io::Result<()> {
     listener.set_nonblocking(true)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -142,7 +142,7 @@ fn router(shared: Arc<PageState>) -> Router {
     router.layer(middleware::from_fn_with_state(shared.clone(), guard)).with_state(shared)
 }
 
-/// Rejects requests with a wrong `Host`, and adds the common headers to all answers.
+/// Rejects requests with a wrong `Host` header, and adds the common headers to all answers.
 async fn guard(
     State(shared): State<Arc<PageState>>,
     Extension(lease): Extension<Arc<Lease>>,
@@ -167,7 +167,7 @@ async fn guard(
     response
 }
 
-/// Opens the socket of a page if its origin and token are right.
+/// Opens the WebSocket of a page, if the origin and the token of the request are right.
 async fn open(
     State(shared): State<Arc<PageState>>,
     Extension(lease): Extension<Arc<Lease>>,
@@ -198,7 +198,7 @@ async fn open(
     })
 }
 
-/// The parameters of a request for a picture.
+/// The query parameters of a request for a picture.
 #[derive(Deserialize)]
 struct PictureRequest {
     width: usize,
@@ -206,7 +206,7 @@ struct PictureRequest {
     yaw: f64,
     pitch: f64,
     zoom: f64,
-    /// True if the picture is flat, false if it shows the value in 3D.
+    /// True for the flat picture of the value, false for a 3D view.
     flat: bool,
 }
 
@@ -239,7 +239,7 @@ async fn picture(
     }
 }
 
-/// Returns the facts about a value: rows of labels and texts, as `maquette inspect` prints them.
+/// Returns the facts about a value, as `maquette inspect` prints them: rows of labels and texts.
 async fn facts(State(shared): State<Arc<PageState>>, Path(hash): Path<String>) -> Response {
     let Some(shown) = shared.value(&hash) else { return not_viewed() };
     match tokio::task::spawn_blocking(move || {
@@ -255,13 +255,13 @@ async fn facts(State(shared): State<Arc<PageState>>, Path(hash): Path<String>) -
     }
 }
 
-/// The parameters of a request for a column: the name of the older version of the column that the page already has.
+/// The query parameters of a request for a column: the name of the older version that the page already has.
 #[derive(Deserialize)]
 struct ColumnRequest {
     from: Option<String>,
 }
 
-/// Returns the bytes of a column. If the page has an older version of the column and the changes are smaller, returns only the changes.
+/// Returns the bytes of a column. If the page has an older version and the changes are smaller than the column, returns only the changes.
 async fn column(
     State(shared): State<Arc<PageState>>,
     Path(name): Path<String>,
@@ -286,14 +286,14 @@ async fn column(
     }
 }
 
-/// The content type of an answer that contains only the changes of a column.
+/// The content type of an answer with only the changes of a column.
 const CHANGES: &str = "application/x-maquette-changes";
 
 fn not_viewed() -> Response {
     (StatusCode::NOT_FOUND, "no page views this value\n").into_response()
 }
 
-/// Sends the current state and then all messages to a page, until the page disconnects or stops reading.
+/// Sends the current state and then every new message to a page, until the page disconnects or stops reading.
 async fn serve(
     mut socket: WebSocket,
     number: u64,
@@ -332,7 +332,7 @@ async fn serve(
 #[derive(Deserialize)]
 #[serde(tag = "ask", rename_all = "lowercase")]
 enum ClientMessage {
-    /// The page now shows these values.
+    /// The page reports which outputs it shows now.
     Views {
         views: Views,
     },
@@ -363,7 +363,7 @@ enum ClientMessage {
     },
 }
 
-/// Handles a message from a page. If the message is a question, returns the question.
+/// Handles a message from a page. If the message is a question, returns the question to be answered.
 fn hear(text: &str, socket: u64, shared: &PageState) -> Option<Question> {
     match serde_json::from_str(text) {
         Ok(ClientMessage::Views { mut views }) => {
@@ -401,8 +401,8 @@ fn hear(text: &str, socket: u64, shared: &PageState) -> Option<Question> {
     None
 }
 
-/// The questions of one page. One question is answered at a time, in a separate thread. Of the waiting questions, only the latest of each
-/// kind is kept.
+/// The waiting questions of one page. They are answered one at a time in a separate thread. Only the latest question of each kind waits; a
+/// newer one replaces it.
 #[derive(Default)]
 struct QuestionQueue {
     probe: Option<Question>,
@@ -419,7 +419,7 @@ impl QuestionQueue {
         self.start_next(shared);
     }
 
-    /// Starts to answer the next question, unless another one is being answered.
+    /// Starts to answer the next question, unless a question is already being answered.
     fn start_next(&mut self, shared: &Arc<PageState>) {
         if self.answering.is_none()
             && let Some(question) = self.pick.take().or_else(|| self.probe.take())
@@ -429,8 +429,7 @@ impl QuestionQueue {
         }
     }
 
-    /// Waits for the next answer. Returns `None` if computing the answer failed. The future may be dropped before it is complete without
-    /// losing an answer.
+    /// Waits for the answer to the current question. Returns `None` if computing it failed. Dropping the future does not lose the answer.
     async fn answer(&mut self, shared: &Arc<PageState>) -> Option<Arc<str>> {
         let Some(answering) = &mut self.answering else { return pending().await };
         let answer = answering.await;
@@ -444,7 +443,7 @@ impl QuestionQueue {
 struct DisconnectError;
 
 impl PageState {
-    /// Returns the values of the header `Host` that are accepted.
+    /// Returns the accepted values of the `Host` header.
     fn names(&self) -> [String; 2] {
         let port = self.address.port();
         [format!("127.0.0.1:{port}"), format!("localhost:{port}")]
@@ -455,8 +454,7 @@ fn text_of<'h>(headers: &'h HeaderMap, name: &HeaderName) -> Option<&'h str> {
     headers.get(name)?.to_str().ok()
 }
 
-/// Returns true if two texts are equal. The comparison takes constant time, so the time does not reveal the position of the first
-/// difference.
+/// Compares two texts in constant time, so that the time does not reveal where a wrong token differs from the right one.
 fn is_same(a: &str, b: &str) -> bool {
     a.len() == b.len() && a.bytes().zip(b.bytes()).fold(0, |all, (a, b)| all | (a ^ b)) == 0
 }

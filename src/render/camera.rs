@@ -1,58 +1,58 @@
-//! The projection from mesh space to the picture.
+//! The projection from the coordinates of a mesh to the picture.
 //!
-//! *View space* has x right, y up and z towards the viewer. Its origin is in the middle of all meshes, and its unit of length is such that
-//! the meshes reach from -1 to 1 along their longest side.
+//! *View space* has x to the right, y up and z towards the viewer. Its origin is in the middle of all meshes. It is scaled so that the
+//! meshes reach from -1 to 1 along their longest side.
 
 use maquette_value::{Mesh, bounds};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::{Aim, Projection, SAMPLES, View};
 
-/// The number of steps per sample to which the positions of vertices are rounded.
+/// The number of steps into which a sample is divided. Projected vertices are rounded to these steps (the "parts of samples").
 pub(super) const PARTS: i32 = 16;
 
-/// The tangent of half the angle of view along the picture's shorter side. The half angle is 13 degrees, as for a portrait lens.
+/// The tangent of half the angle of view along the shorter side of the picture. Half the angle is 13 degrees, as for a portrait lens.
 const LENS: f64 = 0.230_868_191_125_563_1;
 
-/// The fraction of the picture that the meshes fill.
+/// The fraction of the width or height of the picture that the meshes fill.
 const FILLED_FRACTION: f64 = 0.92;
 
-/// The minimum distance of the scene from the viewer, in view space.
+/// The minimum distance from the viewer to the scene, in units of view space.
 const MIN_DISTANCE: f64 = 0.1;
 
-/// The maximum magnification relative to a scene that just fits into the picture.
+/// The maximum magnification. A scene that just fits into the picture has a magnification of 1.
 const MAX_ZOOM: f64 = 1e3;
 
-/// The maximum distance of a drawn vertex from the origin of the picture, in parts of samples. Products of two such distances, and sums of
-/// nine such products, fit in 64 bits.
+/// The maximum absolute value of a projected coordinate, in parts of samples. Products of two such coordinates, and sums of nine such
+/// products, fit in 64 bits.
 const MAX_OFFSET: f64 = (1 << 27) as f64;
 
 /// The projected position of a vertex.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ProjectedVertex {
-    /// The column and row, in parts of samples.
+    /// The column and row of the projected vertex, in parts of samples.
     pub(super) position: [i32; 2],
-    /// The nearness to the viewer. Between two vertices of a face it is linear in the picture.
+    /// The nearness to the viewer: it is larger for nearer vertices, and linear in the picture between two vertices of a face.
     pub(super) near: f32,
 }
 
-/// The camera for a picture of several meshes, which have the same axes.
+/// The camera for a picture of several meshes with the same coordinate axes.
 pub(super) struct Camera {
     view_from_mesh: Matrix3<f64>,
     center: Point3<f64>,
     radius: f64,
-    /// The target in view space. It is shown in the middle of the picture.
+    /// The point in view space that is shown in the middle of the picture.
     aim: Vector3<f64>,
-    /// The distance from the viewer to the target; `None` without perspective.
+    /// The distance from the viewer to `aim`; `None` without perspective.
     distance: Option<f64>,
-    /// The scale, in parts of samples per unit of view space; with perspective, per unit of the tangent of the viewing angle.
+    /// The scale, in parts of samples per unit of view space. With perspective, per unit of the tangent of the viewing angle.
     scale: f64,
     /// The middle of the picture, in parts of samples.
     middle: [f64; 2],
 }
 
 impl Camera {
-    /// Creates the camera for a view. Its axes are those of the first mesh.
+    /// Creates the camera for a view. Its coordinate axes are those of the first mesh.
     pub(super) fn new(meshes: &[&Mesh], view: &View) -> Self {
         let (low, high) = bounds(points_of(meshes)).unwrap_or_default();
         let half = high.coords / 2.0 - low.coords / 2.0;
@@ -74,7 +74,7 @@ impl Camera {
         camera
     }
 
-    /// Aims at the middle of the scene. The distance is such that the whole scene fits into the picture.
+    /// Aims at the middle of the scene, from a distance at which the whole scene fits into the picture.
     fn frame(&mut self, meshes: &[&Mesh], projection: Projection, zoom: f64) {
         let mut points = points_of(meshes).map(|point| self.view(*point));
         let first = points.next().unwrap_or_default();
@@ -89,7 +89,7 @@ impl Camera {
                 self.scale = shorter * zoom / widest.max(1e-6);
             }
             Projection::Perspective => {
-                // The nearest vertex keeps a minimum distance from the viewer, even if the mesh is a mere line towards the viewer.
+                // Keep a minimum distance between the nearest vertex and the viewer, even if the mesh is only a line towards the viewer.
                 self.distance = Some(
                     reaches
                         .map(|(reach, z): (f64, f64)| z + (reach / LENS).max(MIN_DISTANCE))
@@ -100,8 +100,8 @@ impl Camera {
         }
     }
 
-    /// Aims at another target. If the target is a point, the scale does not change. If it is a box, the box just fits into the picture: the
-    /// camera gets a longer lens instead of moving nearer, so that nothing gets behind the viewer.
+    /// Aims at another target. If it is a point, the scale does not change. If it is a box, the box just fits into the picture. For a box
+    /// the camera gets a longer lens instead of moving nearer, so that nothing is behind the viewer.
     fn aim_at(&mut self, aim: &Aim, meshes: &[&Mesh], zoom: f64) {
         let [low, high] = match *aim {
             Aim::Point(point) => [point; 2],
@@ -128,18 +128,18 @@ impl Camera {
         }
     }
 
-    /// The scale of lengths at the depth `z` relative to the target. Without perspective it is 1.
+    /// Returns the factor by which lengths are scaled at the depth `z` relative to the target. Without perspective it is 1.
     fn magnification(&self, z: f64) -> f64 {
         self.distance.map_or(1.0, |distance| 1.0 / (distance - z))
     }
 
-    /// Half of the shorter side of the picture, in parts of samples.
+    /// Returns half of the shorter side of the picture, in parts of samples.
     fn half_shorter_side(&self) -> f64 {
         self.middle[0].min(self.middle[1])
     }
 
-    /// Two numbers for a point. The first is its distance from the target in view space, as a fraction of that part of half the picture's
-    /// shorter side that is to be filled. The second is the z of the point relative to the target.
+    /// Returns the distance of a point from the target across the picture, and its z relative to the target. The distance is the larger of
+    /// the horizontal and vertical one, in units in which the part of the picture to be filled reaches to 1 along the shorter side.
     fn reach(&self, view: Vector3<f64>) -> (f64, f64) {
         let [right, top] =
             self.middle.map(|middle| FILLED_FRACTION * middle / self.half_shorter_side());
@@ -157,7 +157,7 @@ impl Camera {
         self.view_from_mesh * direction
     }
 
-    /// Projects a point of view space to the picture.
+    /// Projects a point in view space to the picture.
     pub(super) fn project(&self, view: Vector3<f64>) -> ProjectedVertex {
         let from_aim = view - self.aim;
         let magnification = self.magnification(from_aim.z);
@@ -168,8 +168,8 @@ impl Camera {
         ProjectedVertex { position, near: near as f32 }
     }
 
-    /// Returns true if interpolation must be weighted by nearness. With perspective, the nearer half of an edge takes more than half of the
-    /// edge's length in the picture.
+    /// Returns true if interpolation must be weighted by nearness. With perspective, the nearer half of an edge takes up more than half of
+    /// its length in the picture.
     pub(super) fn is_perspective(&self) -> bool {
         self.distance.is_some()
     }
@@ -179,7 +179,7 @@ fn points_of<'a>(meshes: &'a [&Mesh]) -> impl Iterator<Item = &'a Point3<f64>> {
     meshes.iter().flat_map(|mesh| mesh.positions().iter())
 }
 
-/// The rotation from the axes of the mesh to those of view space.
+/// Returns the rotation from the axes of the mesh to the axes of view space.
 fn rotation(mesh: Option<&Mesh>, view: &View) -> Matrix3<f64> {
     let ((sy, cy), (sp, cp)) = (sin_cos_degrees(view.yaw), sin_cos_degrees(view.pitch));
     let yaw = Matrix3::new(cy, 0.0, -sy, 0.0, 1.0, 0.0, sy, 0.0, cy);
@@ -188,7 +188,7 @@ fn rotation(mesh: Option<&Mesh>, view: &View) -> Matrix3<f64> {
     pitch * yaw * Matrix3::from_diagonal(&Vector3::new(1.0, upright, upright))
 }
 
-/// The sine and the cosine of an angle in degrees. An angle that is not finite counts as 0.
+/// Returns the sine and the cosine of an angle in degrees. An infinite angle or NaN counts as 0.
 fn sin_cos_degrees(degrees: f64) -> (f64, f64) {
     libm::sincos(if degrees.is_finite() { degrees.to_radians() } else { 0.0 })
 }

@@ -1,4 +1,4 @@
-//! Drawing of values, in bands of rows.
+//! Draws values as pictures. The picture is divided into bands of rows, which are drawn in parallel.
 
 use maquette_value::parallel::*;
 use maquette_value::{Image, Layer, Mesh, Rgb};
@@ -12,7 +12,7 @@ use super::scene::Scene;
 use super::solid::render_layers;
 use super::view::{Look, Representation, View};
 
-/// Draws the layers of a value. `None` if the layers have nothing that the chosen representation shows.
+/// Draws the layers of a value. Returns `None` if the chosen representation shows none of the layers.
 pub fn picture(layers: &[Layer], look: &Look<'_>) -> Option<Image> {
     match look.representation {
         Representation::Native => {
@@ -25,22 +25,22 @@ pub fn picture(layers: &[Layer], look: &Look<'_>) -> Option<Image> {
     }
 }
 
-/// The flat picture of some layers. If the representation has a backdrop, the flat picture is drawn on top of it.
+/// Draws the flat picture of some layers, on top of the backdrop if `look` has one.
 fn flat_picture(layers: &[Layer], look: &Look<'_>) -> Option<Image> {
     let picture = picture_layer(layers)?;
     Some(look.backdrop.as_ref().map_or_else(|| picture.image.clone(), |it| it.draw_over(picture)))
 }
 
-/// Renders a mesh that is lit from the upper left. It is shown with its texture, or else with its vertex colors, or else in the color of
-/// clay.
+/// Renders a mesh that is lit from the upper left. The color comes from its texture, otherwise from its vertex colors. Without these it is
+/// the color of clay.
 ///
-/// The inner side of faces is red. If the mesh has the attribute `normal`, it is used for shading. Otherwise two faces look smooth at their
-/// common edge if their normals differ by less than about 100 degrees.
+/// The inner side of faces is red. If the mesh has the attribute `normal`, that is used for shading. Otherwise the edge between two faces
+/// looks smooth if their normals differ by less than about 100 degrees.
 pub fn render(mesh: &Mesh, view: &View) -> Image {
     render_all(&[mesh], view)
 }
 
-/// Renders several meshes that have the same axes.
+/// Renders several meshes, which must have the same coordinate axes, in one picture.
 pub(crate) fn render_all(meshes: &[&Mesh], view: &View) -> Image {
     let [width, height] = view.size;
     let mut pixels: Vec<Rgb> = vec![[0; 3]; width.saturating_mul(height)];

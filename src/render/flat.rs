@@ -1,39 +1,40 @@
-//! Flat pictures. They are drawn on top of the picture from which a value was made, and are scaled.
+//! Draws flat pictures on top of the picture from which a value was made, and scales pictures.
 
 use maquette_value::parallel::*;
 use maquette_value::{BACKGROUND, Image, Layer, Picture, Registration, Rgb};
 
 use super::light::{linear, srgb};
 
-/// The brightness of the backdrop where the picture on top is empty. If the backdrop were darker, it could not be recognized. If it were
-/// brighter, the picture on top would not stand out.
+/// The brightness factor of the backdrop where the picture on top is empty. A darker backdrop could not be recognized. On a brighter one
+/// the picture on top would not stand out.
 const DIMMED_BRIGHTNESS: f64 = 0.35;
 
-/// The opacity of a color on the backdrop, and the saturation from which on the color has that opacity. With less opacity the color would
-/// look like another color; with more the backdrop would be invisible.
+/// The opacity with which a color is drawn on the backdrop, and the saturation above which a color has that opacity. With less opacity the
+/// color would look like another color; with more the backdrop would be invisible.
 const OPACITY: f64 = 0.65;
 const OPAQUE_SATURATION: f64 = 0.25;
 
-/// The color of outlines around areas of gray.
+/// The color of the outlines of gray areas.
 const OUTLINE: Rgb = [255, 220, 40];
 
-/// The number of pixels along the larger side of a picture per pixel of line width. Lines are wider in larger pictures, so that they are
-/// visible when the whole picture is shown on a screen.
+/// The number of pixels along the larger side of a picture for each pixel of line width. Lines are wider in larger pictures, so that they
+/// stay visible when the whole picture is shown on a screen.
 const PIXELS_PER_LINE: usize = 400;
 
-/// A picture on which a flat picture is drawn.
+/// The picture on which a flat picture is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Backdrop<'a> {
     /// The picture that is below the flat picture.
     pub image: &'a Image,
-    /// The map from the pixels of the picture on top to those of the backdrop. If omitted, the corners of both pictures are aligned.
+    /// The transformation from pixels of the flat picture to pixels of the backdrop. If it is `None`, the corners of both pictures are
+    /// aligned.
     pub registration: Option<Registration>,
 }
 
 /// A [`Backdrop`] that owns the picture.
 #[derive(Clone)]
 pub struct OwnedBackdrop {
-    /// The picture, as a value of the type [`Image`].
+    /// The picture: a value of the type [`Image`].
     pub image: maquette_value::AnyValue,
     pub registration: Option<Registration>,
 }
@@ -44,7 +45,7 @@ impl OwnedBackdrop {
     }
 }
 
-/// The first flat picture among some layers.
+/// Returns the first flat picture among the layers.
 pub fn picture_layer(layers: &[Layer]) -> Option<&Picture> {
     layers.iter().find_map(|layer| match layer {
         Layer::Picture(picture) => Some(picture),
@@ -53,8 +54,8 @@ pub fn picture_layer(layers: &[Layer]) -> Option<&Picture> {
 }
 
 impl Backdrop<'_> {
-    /// Draws the picture `over` on top of the backdrop. The backdrop is dark where `over` is empty, unchanged where `over` is white, and
-    /// tinted where `over` has another color. Lines mark the borders between colors.
+    /// Draws the picture `over` on top of the backdrop. The backdrop is darkened where `over` is empty, unchanged where `over` is white,
+    /// and tinted where `over` has another color. Lines mark the borders between colors.
     pub(super) fn draw_over(&self, over: &Picture) -> Image {
         let [width, height] = [self.image.width(), self.image.height()];
         let on = self.colors(over);
@@ -80,7 +81,7 @@ impl Backdrop<'_> {
         Image::new(width, height, pixels).expect("one pixel per position")
     }
 
-    /// For each pixel, the color of `over`. `None` where `over` is empty.
+    /// Returns the color of `over` at each pixel of the backdrop, or `None` where `over` is empty.
     fn colors(&self, over: &Picture) -> Vec<Option<Rgb>> {
         let size = [over.image.width(), over.image.height()];
         let [width, height] = [self.image.width(), self.image.height()];
@@ -100,12 +101,12 @@ impl Backdrop<'_> {
     }
 }
 
-/// The saturation of a color, from 0 (gray) to 1.
+/// Returns the saturation of a color, from 0 (gray) to 1.
 fn saturation([r, g, b]: Rgb) -> f64 {
     f64::from(r.max(g).max(b) - r.min(g).min(b)) / 255.0
 }
 
-/// The color of the outline around an area of this color.
+/// Returns the color of the outline around an area of the color `color`.
 fn line(color: Rgb) -> Rgb {
     if saturation(color) > 0.0 { color } else { OUTLINE }
 }
@@ -118,8 +119,8 @@ fn tint(pixel: Rgb, color: Rgb) -> Rgb {
     })
 }
 
-/// Scales a picture to another size. If the aspect ratios differ, there are bars at two sides. Each pixel is the mean of the pixels that it
-/// covers.
+/// Scales a picture to another size. Each new pixel is the mean of the pixels that it covers. If the aspect ratios differ, bars are added
+/// at two sides.
 pub fn fit_picture(picture: &Image, size: [usize; 2]) -> Image {
     let [width, height] = size;
     let given = [picture.width(), picture.height()];
@@ -143,17 +144,17 @@ pub fn fit_picture(picture: &Image, size: [usize; 2]) -> Image {
     Image::new(width, height, pixels).expect("one pixel per position")
 }
 
-/// One axis of a picture that is being scaled.
+/// One axis (columns or rows) of a picture that is being scaled.
 struct Axis {
-    /// The number of pixels before scaling.
+    /// The number of pixels along the axis before scaling.
     given: usize,
-    /// The number of pixels after scaling, and the index of the first of them in the new picture.
+    /// The number of pixels along the axis after scaling, and the index of the first of them in the new picture. Pixels outside are bars.
     count: usize,
     first: usize,
 }
 
 impl Axis {
-    /// The range of old pixels that a new pixel covers. `None` if the new pixel is in a bar.
+    /// Returns the range of old pixels that a new pixel covers, or `None` if the new pixel is in a bar.
     fn covered_pixels(&self, at: usize) -> Option<std::ops::Range<usize>> {
         let at = at.checked_sub(self.first).filter(|at| *at < self.count)?;
         let from = at * self.given / self.count;
@@ -161,7 +162,7 @@ impl Axis {
     }
 }
 
-/// The color of the mean of the linear light of a box of pixels.
+/// Returns the mean color of a box of pixels, computed in linear light.
 fn mean(picture: &Image, columns: std::ops::Range<usize>, rows: std::ops::Range<usize>) -> Rgb {
     let fraction = 1.0 / (columns.len() * rows.len()) as f32;
     let positions = rows.flat_map(|row| columns.clone().map(move |column| [column, row]));

@@ -1,13 +1,14 @@
-//! Software rendering of values as pictures, for goldens, `inspect`, `render` and documents.
+//! Renders values as pictures in software, for test references (goldens), `inspect`, `render` and documents.
 //!
-//! A value is shown in one of two ways. It is a flat picture, possibly on top of another picture (`flat`). Or it is in space, where a
-//! camera sees its faces, lines, points and arrows together.
+//! A value is shown in one of two ways: as a flat picture, possibly on top of another picture (`flat`); or in 3D space, where a camera sees
+//! its faces, lines, points and arrows together.
 //!
-//! Two properties are guaranteed: the bytes are the same on every machine and for any number of threads, and there are no cracks between
-//! faces that share an edge. The picture is made in independent bands of rows. In each band every face is first drawn into a buffer, which
-//! stores the nearest face of each *sample*; a pixel has 3 x 3 samples. Then each pixel is shaded once for every face that it shows.
+//! Two properties are guaranteed. The bytes of a picture are the same on every machine and for any number of threads. There are no cracks
+//! between faces that share an edge. The picture is made in independent bands of rows. In each band every face is first drawn into a buffer
+//! that stores the nearest face of each *sample*; a pixel has 3 x 3 samples. Then each pixel is shaded once for every face that is visible
+//! in it.
 //!
-//! Polygons are drawn as triangles, into which [`Mesh::face_triangles`](maquette_value::Mesh::face_triangles) cuts them.
+//! Polygons are drawn as the triangles that [`Mesh::face_triangles`](maquette_value::Mesh::face_triangles) returns.
 //!
 //! Begin reading in `view.rs`, then `scene.rs` and `raster.rs`. `shapes.rs` prepares the same scene for a graphics card. This crate depends
 //! on values and picture formats, but not on graphs.

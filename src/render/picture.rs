@@ -1,4 +1,4 @@
-//! PNG pictures of meshes and surfaces, which are rendered from the front.
+//! PNG pictures of meshes and surfaces, rendered from the front.
 
 use maquette_format::png;
 use maquette_node::pack::{FileFormat, NewFile, Pack, format};
@@ -7,7 +7,7 @@ use maquette_value::{Mesh, Surface};
 
 use super::{View, render};
 
-/// The pack of the file formats that write meshes and surfaces as pictures.
+/// The pack of file formats that write meshes and surfaces as pictures.
 pub static PACK: Pack = Pack {
     name: "render",
     version: env!("CARGO_PKG_VERSION"),
@@ -16,7 +16,7 @@ pub static PACK: Pack = Pack {
     ..Pack::EMPTY
 };
 
-/// The file format of a rendered mesh.
+/// The file format that writes a mesh as a picture.
 pub(super) struct MeshPng;
 
 impl FileFormat for MeshPng {
@@ -29,7 +29,7 @@ impl FileFormat for MeshPng {
     }
 }
 
-/// The file format of a rendered surface.
+/// The file format that writes a surface as a picture.
 pub(super) struct SurfacePng;
 
 impl FileFormat for SurfacePng {

@@ -1,8 +1,8 @@
 //! Rasterization: determines which triangle is visible at each sample.
 //!
-//! Vertices are rounded to sixteenths of samples, so edge functions are integers and their signs are exact. By these signs and the top-left
-//! rule, a sample on a shared edge belongs to exactly one of the two triangles: Pineda, "A parallel algorithm for polygon rasterization"
-//! (1988).
+//! Vertices are rounded to sixteenths of a sample. So edge functions are integers, and their signs are exact. These signs and the top-left
+//! rule decide for each sample on a shared edge to which of the two triangles it belongs: Pineda, "A parallel algorithm for polygon
+//! rasterization" (1988).
 
 use maquette_value::Rgb;
 use maquette_value::parallel::*;
@@ -16,25 +16,25 @@ use super::{BAND, SAMPLES, array3, array4};
 /// The number of triangles that one task sorts into bands.
 const CHUNK: usize = 16_384;
 
-/// The index that stands for no triangle.
+/// The index that means "no triangle".
 const NONE: u32 = u32::MAX;
 
-/// The width in pixels of a tile, whose pixels are shaded together. A tile has all rows of a band.
+/// The width of a tile, in pixels. The pixels of a tile are shaded together. A tile is as high as a band.
 const TILE: usize = 32;
 
-/// The mask of all samples of a pixel: one bit for each sample, row by row.
+/// A bit mask of the samples of a pixel, row by row. This one contains all nine.
 const ALL_SAMPLES: u16 = 0b111_111_111;
 
-/// The masks of the samples in the second and in the third column, then of those in the second and in the third row.
+/// The bit masks of the samples in the second and third column, and of those in the second and third row.
 const SAMPLE_COLUMNS_AND_ROWS: [[u16; 2]; 2] =
     [[0b010_010_010, 0b100_100_100], [0b000_111_000, 0b111_000_000]];
 
-/// The number of sample rows per band.
+/// The number of rows of samples in a band.
 const SAMPLE_ROWS: usize = BAND * SAMPLES;
 
-/// For each band, the triangles that touch it.
+/// The triangles that overlap each band.
 pub(super) struct Bins {
-    /// The triangles in ascending order, grouped first by chunk and then by band.
+    /// The indices of the triangles, grouped first by chunk and then by band. In each group they are in ascending order.
     chunks: Vec<Vec<Vec<u32>>>,
 }
 
@@ -44,7 +44,7 @@ impl Bins {
         Self { chunks: chunks.map(|chunk| Self::sort_chunk(scene, height, chunk)).collect() }
     }
 
-    /// Sorts the triangles of one chunk into bands.
+    /// Finds for each band the triangles of one chunk that overlap it.
     fn sort_chunk(scene: &Scene<'_>, height: usize, chunk: usize) -> Vec<Vec<u32>> {
         let mut bins = vec![vec![]; height.div_ceil(BAND)];
         for index in chunk * CHUNK..scene.len().min((chunk + 1) * CHUNK) {
@@ -65,25 +65,25 @@ impl Bins {
     }
 }
 
-/// A projected triangle. Its vertices are ordered so that its area is positive.
+/// A projected triangle. Its vertices are in an order that makes the area positive.
 struct Outline {
-    /// The column and the row of each vertex, in parts of samples.
+    /// The column and row of each vertex, in parts of samples.
     at: [[i64; 2]; 3],
-    /// The original index of each vertex. If the outside of the triangle is visible, the second and the third are exchanged.
+    /// The index of each vertex in the original triangle. If the viewer sees the outer side, the second and third are exchanged.
     order: [usize; 3],
-    /// Twice the area, in squares of parts of samples.
+    /// Twice the area of the projected triangle, in squares of parts of samples.
     area: i64,
 }
 
 impl Outline {
-    /// Projects a triangle. Returns `None` if the viewer sees only the edge of the triangle, so that its projected area is 0.
+    /// Projects a triangle. Returns `None` if its projected area is 0, because the viewer sees it edge-on.
     fn new(scene: &Scene<'_>, triangle: Triangle) -> Option<Self> {
         let at = array3(|k| {
             let [column, row] = scene.projected[triangle.vertices[k] as usize].position;
             [i64::from(column), i64::from(row)]
         });
         let area = edge(at[0], at[1], at[2]);
-        // Rows count downwards. So a triangle that is counter-clockwise for the viewer has a negative area.
+        // Rows count downwards, so a triangle that is counter-clockwise for the viewer has a negative area.
         match area {
             0 => None,
             1.. => Some(Self { at, order: [0, 1, 2], area }),
@@ -91,13 +91,13 @@ impl Outline {
         }
     }
 
-    /// Returns true if the viewer sees the inner side.
+    /// Returns true if the viewer sees the inner side of the triangle.
     fn is_inner(&self) -> bool {
         self.order[1] == 1
     }
 
-    /// The first and the last sample along an axis (0 for columns, 1 for rows) whose centers may be inside of the triangle. There are
-    /// `count` samples along the axis.
+    /// Returns the first and the last sample along an axis (0 for columns, 1 for rows) whose centers may be inside of the triangle. The
+    /// axis has `count` samples.
     fn samples(&self, axis: usize, count: i64) -> [i64; 2] {
         let parts = i64::from(PARTS);
         let [a, b, c] = array3(|k| self.at[k][axis] - parts / 2);
@@ -105,25 +105,25 @@ impl Outline {
         [(low + parts - 1).div_euclid(parts).max(0), high.div_euclid(parts).min(count - 1)]
     }
 
-    /// The barycentric coordinates of a position, multiplied by twice the area. They are the edge functions of the edges opposite to the
-    /// vertices.
+    /// Returns the barycentric coordinates of a position, multiplied by twice the area. Each is the edge function of the edge opposite to a
+    /// vertex.
     fn weights(&self, at: [i64; 2]) -> [i64; 3] {
         array3(|k| edge(self.at[(k + 1) % 3], self.at[(k + 2) % 3], at))
     }
 }
 
-/// The edge function of the edge from `a` to `b`. It is positive where `at` is on the inner side of the edge.
+/// Returns the edge function of the edge from `a` to `b`. It is positive if `at` is on the inner side of the edge.
 fn edge(a: [i64; 2], b: [i64; 2], at: [i64; 2]) -> i64 {
     (b[0] - a[0]) * (at[1] - a[1]) - (b[1] - a[1]) * (at[0] - a[0])
 }
 
-/// The position of a sample's center, in parts of samples.
+/// Returns the position of a sample's center along an axis, in parts of samples.
 fn center(sample: i64) -> i64 {
     let parts = i64::from(PARTS);
     sample * parts + parts / 2
 }
 
-/// The samples of one band of pixel rows.
+/// The samples of one band of pixel rows. Each sample stores the nearest triangle.
 pub(super) struct Band {
     first_row: usize,
     /// The number of samples per row.
@@ -133,7 +133,7 @@ pub(super) struct Band {
 }
 
 impl Band {
-    /// Draws all triangles of a band, whose size in pixels is given.
+    /// Draws all triangles of a band. `width` and `height` of the band are in pixels.
     pub(super) fn draw(
         scene: &Scene<'_>,
         bins: &Bins,
@@ -160,12 +160,12 @@ impl Band {
         let [left, right] = outline.samples(0, self.width as i64);
         let [top, bottom] = outline.samples(1, rows);
         let parts = i64::from(PARTS);
-        // The changes of the weights from one column to the next.
+        // The change of each weight from one column of samples to the next.
         let steps = array3(|k| {
             let (a, b) = (outline.at[(k + 1) % 3], outline.at[(k + 2) % 3]);
             (a[1] - b[1]) * parts
         });
-        // A sample on an edge belongs to the triangle only if the edge is a left one or a top one.
+        // The top-left rule: a sample on an edge belongs to the triangle only if the edge is a left or a top one.
         let min_weights = array3(|k| {
             let (a, b) = (outline.at[(k + 1) % 3], outline.at[(k + 2) % 3]);
             i64::from(!(b[1] < a[1] || (b[1] == a[1] && a[0] < b[0])))
@@ -190,14 +190,15 @@ impl Band {
             let seen = self.near[samples.clone()].iter_mut().zip(&mut self.triangles[samples]);
             for (step, (nearest, triangle)) in (first as i32..).zip(seen) {
                 let near = (start + slope * f64::from(step)) as f32;
-                // Both values are always written, without a branch, so that vector instructions can be used.
+                // Always write both values, without a branch, so that the compiler can use vector instructions.
                 (*nearest, *triangle) =
                     if *nearest < near { (near, index) } else { (*nearest, *triangle) };
             }
         }
     }
 
-    /// Writes the pixels of the band. Each pixel is the mean of the light of its samples. `background` returns the background of a row.
+    /// Computes the pixels of the band. Each pixel is the mean of the light of its samples. `background` returns the background color of a
+    /// row.
     pub(super) fn resolve(
         &self,
         scene: &Scene<'_>,
@@ -208,7 +209,7 @@ impl Band {
     }
 }
 
-/// The kernel that draws the triangles of a band.
+/// The loop that draws the triangles of a band, compiled for several instruction sets.
 struct Triangles<'a, I> {
     scene: &'a Scene<'a>,
     indices: I,
@@ -222,7 +223,7 @@ impl<I: Iterator<Item = u32>> Kernel for Triangles<'_, I> {
     }
 }
 
-/// The kernel that shades the pixels of a band.
+/// The loop that shades the pixels of a band, compiled for several instruction sets.
 struct Pixels<'a, F> {
     samples: &'a Band,
     cache: TriangleCache<'a>,
@@ -235,7 +236,7 @@ impl<F: Fn(usize) -> Light> Kernel for Pixels<'_, F> {
     fn run(self) {
         let Self { samples: &Band { first_row, width, ref triangles, .. }, mut cache, .. } = self;
         let columns = width / SAMPLES;
-        // The pixels are shaded tile by tile, so that the pixels of a triangle are processed in succession.
+        // Shade tile by tile, so that pixels of the same triangle are shaded one after the other.
         for left in (0..columns).step_by(TILE) {
             let right = columns.min(left + TILE);
             for (row, pixels) in self.pixels.chunks_exact_mut(columns).enumerate() {
@@ -259,10 +260,10 @@ impl<F: Fn(usize) -> Light> Kernel for Pixels<'_, F> {
     }
 }
 
-/// A cache of the triangles that were shaded last, because neighboring pixels show the same triangles.
+/// A cache of recently shaded triangles. It is useful because neighboring pixels often show the same triangle.
 struct TriangleCache<'a> {
     scene: &'a Scene<'a>,
-    /// The cached triangles. The position of a triangle in the array is given by the last five bits of its index.
+    /// The cached triangles. The last five bits of a triangle's index are its position in the array.
     entries: [Option<ShadedTriangle<'a>>; 32],
 }
 
@@ -271,7 +272,7 @@ impl<'a> TriangleCache<'a> {
         Self { scene, entries: [const { None }; 32] }
     }
 
-    /// The mean light of a pixel. For each of its samples, row by row, the visible triangle is given.
+    /// Returns the mean light of a pixel. `seen` contains the visible triangle of each sample of the pixel, row by row.
     #[inline(always)]
     fn light(
         &mut self,
@@ -314,10 +315,10 @@ impl<'a> TriangleCache<'a> {
 struct ShadedTriangle<'a> {
     index: u32,
     is_inner: bool,
-    /// Twice the area, in squares of parts of samples.
+    /// Twice the area of the projected triangle, in squares of parts of samples.
     area: f64,
-    /// For each corner, the start of the edge opposite to it: first the columns of all starts, then the rows. `along` contains the vectors
-    /// from the starts to the ends of these edges in the same layout.
+    /// The edges in the picture, each opposite to a corner of the triangle: `from` is where they start, and `along` is the vector from
+    /// start to end. Both contain first the columns of all edges, then the rows.
     from: [[f64; 4]; 2],
     along: [[f64; 4]; 2],
     facet: Facet<'a>,
@@ -339,10 +340,10 @@ impl<'a> ShadedTriangle<'a> {
         Self { index, is_inner, area, from, along, facet: scene.facet(triangle) }
     }
 
-    /// The light of the triangle at the mean position of some samples of a pixel. The samples are given as a mask with one bit each.
+    /// Returns the light of the triangle at the mean position of some samples of a pixel. `samples` is a mask with one bit per sample.
     #[inline(always)]
     fn light(&self, pixel: [usize; 2], samples: u16) -> Light {
-        // The barycentric coordinates are linear. So their sum over the samples follows from the sum of the samples' positions.
+        // Barycentric coordinates are linear in the position. So their sum over the samples follows from the sum of the samples' positions.
         let count = samples.count_ones();
         #[inline(always)]
         fn sum_of_positions(k: usize, samples: u16, count: u32, pixel: [usize; 2]) -> f64 {
@@ -367,7 +368,8 @@ impl<'a> ShadedTriangle<'a> {
     }
 }
 
-/// The first and the last step, from 0 to `max_step`, at which no weight is below its minimum. `None` if there is no such step.
+/// Returns the first and the last step, from 0 to `max_step`, at which every weight is at least its minimum. Returns `None` if there is
+/// none.
 fn span(
     weights: [i64; 3],
     steps: [i64; 3],

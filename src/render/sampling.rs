@@ -1,18 +1,18 @@
-//! The sampling pattern of pictures, and functions for short arrays that the compiler keeps in registers.
+//! The sampling pattern of pictures, and functions that build short arrays in registers.
 
 /// The number of samples along each side of a pixel.
 pub(crate) const SAMPLES: usize = 3;
 
-/// The number of pixel rows per band. The samples of a band of usual width fit in a core's cache.
+/// The number of pixel rows in a band. With a usual picture width, the samples of a band fit into the cache of a processor core.
 pub(crate) const BAND: usize = 8;
 
-/// Builds an array of three items one by one. The compiler keeps such items in registers, unlike those of `array::map`.
+/// Builds an array of three items one by one. The compiler keeps these items in registers, unlike those of `array::map`.
 #[inline(always)]
 pub(crate) fn array3<T>(make: impl Fn(usize) -> T) -> [T; 3] {
     [make(0), make(1), make(2)]
 }
 
-/// Builds an array of four items, which is the number that one instruction computes. If only three items are needed, the last one is 0.
+/// Builds an array of four items, which is the number that one vector instruction processes. If only three items are needed, the last is 0.
 #[inline(always)]
 pub(crate) fn array4<T>(make: impl Fn(usize) -> T) -> [T; 4] {
     [make(0), make(1), make(2), make(3)]

@@ -1,4 +1,4 @@
-//! Meshes that are prepared for one picture: projected positions, normals and colors.
+//! Prepares meshes for drawing one picture: computes projected positions, normals and colors.
 
 use std::borrow::Cow;
 
@@ -10,36 +10,36 @@ use super::camera::{Camera, ProjectedVertex};
 use super::light::{self, Light};
 use super::{array3, array4, pad};
 
-/// The number of vertices per parallel task.
+/// The number of vertices that one parallel task processes.
 const CHUNK: usize = 4096;
 
-/// The cosine of 50 degrees. If a computed vertex normal deviates by more than this angle from the normal of a face, the face is drawn flat
-/// at that vertex. With a smaller angle round objects would show facets; with a larger angle boxes would look like pillows.
+/// The cosine of 50 degrees. If a computed vertex normal deviates by a larger angle from the normal of a face, the face is shaded flat at
+/// that vertex. With a smaller limit round objects would show facets; with a larger one boxes would look like pillows.
 pub(super) const FLAT: f32 = 0.642_787_6;
 
-/// The corners, triangles and vertices of all meshes, stored mesh by mesh.
+/// The corners, triangles and vertices of all meshes in a picture, mesh after mesh.
 pub(super) struct Scene<'a> {
     corners: Cow<'a, [u32]>,
-    /// The three corners of each triangle. `None` if all faces are triangles.
+    /// The three corners of each triangle, as indices into `corners`. `None` if all faces are triangles.
     triangles: Option<Vec<[u32; 3]>>,
     pub(super) projected: Vec<ProjectedVertex>,
-    /// The positions of the vertices in view space.
+    /// The position of each vertex in view space.
     view_positions: Vec<[f32; 3]>,
     shadings: Vec<MeshShading<'a>>,
     perspective: bool,
 }
 
-/// The shading data of one mesh of a scene.
+/// The data for shading one mesh of a scene.
 struct MeshShading<'a> {
-    /// The index of the mesh's first corner in the scene, and the index of its first vertex.
+    /// The index in the scene of the mesh's first corner and of its first vertex.
     first: [u32; 2],
     normals: Data<'a, [f32; 3]>,
-    /// True if the normals were computed from the faces, and not given by the mesh.
+    /// True if the normals were computed from the faces, false if the mesh contains them.
     is_computed: bool,
     paint: Paint<'a>,
 }
 
-/// Data at the corners of faces or at vertices.
+/// Data with one item per corner of the faces, or one item per vertex.
 pub(super) enum Data<'a, T: Clone> {
     Vertex(Cow<'a, [T]>),
     Corner(Cow<'a, [T]>),
@@ -54,19 +54,19 @@ impl<T: Copy> Data<'_, T> {
     }
 }
 
-/// The colors of a mesh. They come from its textures, or else from its vertices, corners or materials; without any of these they are the
+/// The colors of a mesh. They come from its textures, otherwise from its vertices, corners or materials. Without any of these, all are the
 /// color of clay.
 pub(super) struct Paint<'a> {
     mesh: &'a Mesh,
     uv: Option<Data<'a, [f64; 2]>>,
     colors: Option<Data<'a, Rgb>>,
-    /// The texture of each material and its continuation beyond the border. `None` for a material without a texture.
+    /// The texture of each material, with the wrap modes that continue it beyond its border. `None` for a material without a texture.
     pictures: Vec<Option<(&'a Image, [Wrap; 2])>>,
-    /// The material index of each corner. Present only if there are several materials.
+    /// The index of the material at each corner. Present only if there are several materials.
     materials: Option<Vec<u32>>,
 }
 
-/// A triangle of a mesh. Its corners are in the order in which they occur in their face.
+/// A triangle of a mesh. Its corners are in the same order as in their face.
 #[derive(Clone, Copy)]
 pub(super) struct Triangle {
     corners: [u32; 3],
@@ -98,7 +98,7 @@ impl<'a> Scene<'a> {
         Self { corners, triangles, projected, view_positions, shadings, perspective }
     }
 
-    /// The number of triangles of the scene.
+    /// Returns the number of triangles in the scene.
     pub(super) fn len(&self) -> usize {
         self.triangles.as_ref().map_or(self.corners.len() / 3, Vec::len)
     }
@@ -148,7 +148,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// The mesh that contains a triangle, and the triangle with indices that count within that mesh.
+    /// Returns the mesh that contains a triangle, and the triangle with indices that count within that mesh.
     fn shading(&self, triangle: Triangle) -> (&MeshShading<'a>, Triangle) {
         let after =
             self.shadings.partition_point(|shading| shading.first[0] <= triangle.corners[0]);
@@ -176,12 +176,12 @@ impl<'a> MeshShading<'a> {
     }
 }
 
-/// Transforms a normal of the mesh to view space.
+/// Transforms a normal of a mesh to view space.
 fn rotate_normal(camera: &Camera, normal: Vector3<f64>) -> [f32; 3] {
     camera.rotate(normal).cast::<f32>().into()
 }
 
-/// Transforms the normals of the mesh to view space, in parallel.
+/// Transforms normals of a mesh to view space, in parallel.
 fn rotate_normals<'a>(camera: &Camera, normals: &[[f64; 3]]) -> Cow<'a, [[f32; 3]]> {
     let normals = normals.par_iter().with_min_len(CHUNK);
     normals.map(|&normal| rotate_normal(camera, normal.into())).collect::<Vec<_>>().into()
@@ -193,9 +193,9 @@ impl Triangle {
     }
 }
 
-/// A triangle, with the data for shading it.
+/// A triangle with the data that is needed to shade it.
 pub(super) struct Facet<'a> {
-    /// The nearness of the triangle's corners. `None` without perspective.
+    /// The nearness of each corner of the triangle to the viewer. `None` without perspective.
     nears: Option<[f64; 4]>,
     flat: Option<[f32; 4]>,
     /// The normals at the corners of the triangle.
@@ -211,8 +211,7 @@ enum Color<'a> {
 }
 
 impl Facet<'_> {
-    /// The linear light that comes from a point of the triangle. `barycentric` are the barycentric coordinates that the point has in the
-    /// picture.
+    /// Returns the linear light from a point of the triangle. `barycentric` are the barycentric coordinates of the point in the picture.
     #[inline(always)]
     pub(super) fn shade(&self, barycentric: [f64; 4], inner: bool) -> Light {
         let barycentric = self.in_space(barycentric);
@@ -232,7 +231,7 @@ impl Facet<'_> {
         light::lit(color, normal)
     }
 
-    /// Converts barycentric coordinates in the picture to barycentric coordinates in space.
+    /// Converts barycentric coordinates in the picture to barycentric coordinates in space. They differ with perspective.
     #[inline(always)]
     fn in_space(&self, barycentric: [f64; 4]) -> [f64; 4] {
         let Some(nears) = self.nears else { return barycentric };
@@ -242,13 +241,13 @@ impl Facet<'_> {
     }
 }
 
-/// Interpolates between the vectors at the corners, by barycentric coordinates.
+/// Interpolates between vectors at the corners of a triangle, with the given barycentric coordinates.
 #[inline(always)]
 fn mix([a, b, c]: [f32; 3], corners: &[[f32; 4]; 3]) -> [f32; 4] {
     array4(|k| a * corners[0][k] + b * corners[1][k] + c * corners[2][k])
 }
 
-/// Interpolates between the texture coordinates at the corners, by barycentric coordinates.
+/// Interpolates between texture coordinates at the corners of a triangle, with the given barycentric coordinates.
 #[inline(always)]
 fn mix_uv(barycentric: [f64; 4], uv: &[[f64; 2]; 3]) -> [f64; 2] {
     [
@@ -306,7 +305,7 @@ impl<'a> Paint<'a> {
         Self { mesh, uv: uv.filter(|_| has_picture), colors, pictures, materials }
     }
 
-    /// Returns true if two corners at the same vertex may differ in color or texture coordinate.
+    /// Returns true if the corners at one vertex may differ in color or texture coordinate.
     pub(super) fn is_by_corner(&self) -> bool {
         matches!(self.colors, Some(Data::Corner(_))) || matches!(self.uv, Some(Data::Corner(_)))
     }
@@ -319,17 +318,17 @@ impl<'a> Paint<'a> {
         self.uv.is_some()
     }
 
-    /// The color of a corner, if the mesh has colors.
+    /// Returns the color of a corner, or `None` if the mesh has no colors.
     pub(super) fn color(&self, corner: u32, vertex: u32) -> Option<Rgb> {
         self.colors.as_ref().map(|colors| colors.get(corner, vertex))
     }
 
-    /// The texture coordinate of a corner of the mesh.
+    /// Returns the texture coordinate of a corner, or `None` if the mesh has none.
     pub(super) fn uv(&self, corner: u32, vertex: u32) -> Option<[f32; 2]> {
         self.uv.as_ref().map(|uv| uv.get(corner, vertex).map(|x| x as f32))
     }
 
-    /// The runs of consecutive triangles with the same texture. Empty if all triangles have the same texture.
+    /// Returns the runs of consecutive triangles with the same texture. Empty if all triangles have the same texture.
     pub(super) fn material_runs(&self) -> MaterialRuns {
         let Some(numbers) = self.mesh.face_materials().filter(|_| self.uv.is_some()) else {
             return Vec::new();
@@ -347,10 +346,10 @@ impl<'a> Paint<'a> {
     }
 }
 
-/// A run of triangles: the number of triangles, and the index of their material if the material has a texture.
+/// Runs of consecutive triangles: the length of each run, and the index of its material if that has a texture.
 pub(super) type MaterialRuns = Vec<(usize, Option<usize>)>;
 
-/// The vertex at each corner of all meshes. Also the corners of each triangle, if some faces are not triangles.
+/// Returns the vertex at each corner of all meshes. If some faces are not triangles, also returns the corners of each triangle.
 fn triangles_of<'a>(meshes: &[&'a Mesh]) -> (Cow<'a, [u32]>, Option<Vec<[u32; 3]>>) {
     let has_polygons = meshes.iter().any(|mesh| mesh.faces().sides() != Some(3));
     let triangles = has_polygons.then(|| triangle_corners(meshes));
@@ -365,7 +364,7 @@ fn triangles_of<'a>(meshes: &[&'a Mesh]) -> (Cow<'a, [u32]>, Option<Vec<[u32; 3]
     (Cow::Owned(corners), triangles)
 }
 
-/// The triangles of all meshes. Their corners are given as indices among the corners of all meshes.
+/// Returns the three corners of each triangle of all meshes. The corners of all meshes are numbered in one sequence.
 fn triangle_corners(meshes: &[&Mesh]) -> Vec<[u32; 3]> {
     let mut first = 0;
     let of_meshes = meshes.iter().map(|mesh| {
@@ -377,7 +376,7 @@ fn triangle_corners(meshes: &[&Mesh]) -> Vec<[u32; 3]> {
     of_meshes.reduce(|all, more| [all, more].concat()).unwrap_or_default()
 }
 
-/// Appends a list to another list. If the latter is empty, nothing is copied.
+/// Appends `more` to `all`. If `all` is empty, nothing is copied.
 fn append<T>(all: &mut Vec<T>, mut more: Vec<T>) {
     if all.is_empty() {
         *all = more;

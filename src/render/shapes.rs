@@ -1,11 +1,11 @@
-//! Values in space that are prepared for a graphics card: triangles whose vertices have a normal, a color and a texture coordinate.
+//! Prepares values in 3D space for a graphics card: as triangles whose vertices have a normal, a color and a texture coordinate.
 //!
-//! The shapes show what [`render_layers`](super::render_layers) shows, with the same normals, colors and solids. Positions are in single
-//! precision, relative to a `center` and in units of a `scale`. Both are round numbers, so that a small change of a value does not change
-//! all positions. If only some vertices have moved, a shape is [updated from the previous one](update).
+//! The shapes show the same as [`render_layers`](super::render_layers), with the same normals, colors and solids. Positions are in single
+//! precision, relative to a `center` and in units of a `scale`. If only some vertices of a value have moved, a shape is [updated from the
+//! previous one](update).
 //!
-//! The scale is a power of two that is near the size of the value. The center is a multiple of the scale. If the center followed the value
-//! exactly, every byte would change.
+//! The scale is a power of two near the size of the value, and the center is a multiple of the scale. So a small change of the value does
+//! not change all positions. If the center followed the value exactly, every byte would change.
 
 use std::sync::Arc;
 
@@ -22,22 +22,22 @@ mod update;
 pub use fields::Field;
 use fields::fields_of;
 
-/// The number of triangles per parallel task.
+/// The number of items that one parallel task processes.
 const CHUNK: usize = 8192;
 
-/// The index that stands for no display vertex.
+/// The index that means "no display vertex".
 const NONE: u32 = u32::MAX;
 
-/// All shapes of a value in space.
+/// All shapes that show a value in 3D space.
 pub struct Shapes {
-    /// The directions of the axes of the shapes.
+    /// The coordinate axes of the shapes.
     pub axes: Axes,
     pub normalization: Normalization,
-    /// One shape per mesh, followed by the solids that represent points, lines and arrows.
+    /// One shape for each mesh, and one for the solids that represent points, lines and arrows, which is the last.
     pub shapes: Vec<Arc<Shape>>,
 }
 
-/// The normalization of positions: the origin and the unit.
+/// The origin and the unit in which positions are given to the graphics card.
 #[derive(Clone, Copy, PartialEq)]
 pub struct Normalization {
     /// The origin of the positions, in mm.
@@ -46,53 +46,53 @@ pub struct Normalization {
     pub scale: f64,
 }
 
-/// The display data of one mesh.
+/// The data with which a graphics card draws one mesh. A display vertex is a vertex in this data.
 pub struct Shape {
     mesh: Mesh,
     normalization: Normalization,
-    /// True if the mesh consists of the solids that represent points, lines and arrows.
+    /// True if the mesh consists of the small solids that represent points, lines and arrows.
     pub is_solid: bool,
     pub positions: Column<[f32; 3]>,
-    /// The normals. Each has three signed numbers of ten bits, beginning with the lowest bit; -511 to 511 stands for -1 to 1.
+    /// The normals, packed: three signed numbers of ten bits, from the lowest bit. -511 to 511 stand for -1 to 1.
     pub normals: Column<u32>,
-    /// The colors: the three channels in sRGB, and 255.
+    /// The colors: red, green and blue in sRGB, and 255.
     pub colors: Option<Column<[u8; 4]>>,
     /// The texture coordinates. (0, 0) is the lower left corner of the texture.
     pub uv: Option<Column<[f32; 2]>>,
     pub triangles: Column<[u32; 3]>,
-    /// The runs of triangles with the same texture, as the number of triangles and the index of the material that has the texture. Empty if
-    /// all triangles have the same texture.
+    /// The runs of triangles with the same texture: the length of each run, and the index of the material with that texture. Empty if all
+    /// triangles have the same texture.
     pub material_runs: Vec<(usize, Option<usize>)>,
     pub fields: Arc<[Field]>,
-    /// For each display vertex, the vertex of the mesh that it shows.
+    /// The vertex of the mesh that each display vertex shows.
     origins: Column<u32>,
-    /// The normals at the vertices of the mesh, if they were computed from the faces.
+    /// The normals at the vertices of the mesh, if they were computed from its faces.
     computed: Option<Column<[f32; 3]>>,
     leaning: Vec<Leaning>,
-    /// True if a vertex of the mesh can become several display vertices, because its corners differ in their data.
+    /// True if a vertex of the mesh may become several display vertices, because the data at its corners differ.
     is_split: bool,
-    /// The faces whose triangles are not a fan, in ascending order. Present if all faces have the same number of corners.
+    /// The faces that are not triangulated as a fan, in ascending order. Used only if all faces have the same number of corners.
     bent: Vec<u32>,
 }
 
-/// A leaning triangle: at some of its corners a computed normal deviates too much from the normal of the triangle. It has separate display
-/// vertices at these corners.
+/// A triangle that leans: at some of its corners, the computed vertex normal deviates too much from the normal of the triangle. At these
+/// corners the triangle has its own display vertices with its own normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Leaning {
     triangle: usize,
     corners: [bool; 3],
-    /// The normal of the triangle in packed form.
+    /// The normal of the triangle, packed into 30 bits.
     normal: u32,
 }
 
 impl Shapes {
-    /// Builds the shapes of some layers. `None` if no layer is in space. `before` are the shapes that were shown previously; the shape at
-    /// the same position of the list is updated where possible.
+    /// Builds the shapes of some layers. Returns `None` if no layer is in 3D space. `before` are the shapes shown previously. Where
+    /// possible, a shape is updated from the one at the same position in `before`.
     pub fn from_layers(layers: &[Layer], before: &[Arc<Shape>]) -> Option<Self> {
         let (meshes, axes) = meshes_of(layers, None);
         let bounds = meshes.iter().filter_map(|(mesh, _)| mesh.cached_bounds());
         let (low, high) = bounds.reduce(|a, b| (a.0.inf(&b.0), a.1.sup(&b.1)))?;
-        // The numbers are halved first, because the difference of two huge numbers would be infinite.
+        // Halve first: the difference of two huge numbers could be infinite.
         let half = (high.coords / 2.0 - low.coords / 2.0).amax();
         let scale = if half > 0.0 { libm::exp2(libm::log2(half).ceil()) } else { 1.0 };
         let middle = low.coords / 2.0 + high.coords / 2.0;
@@ -132,7 +132,7 @@ impl Shape {
             })
         });
         let is_split = split.is_some();
-        // For each corner, its display vertex.
+        // The display vertex of each corner.
         let (of_corners, firsts) = match &split {
             Some((of_corners, firsts)) => (&of_corners[..], Some(&firsts[..])),
             None => (&corners[..], None),
@@ -186,13 +186,13 @@ impl Shape {
         }
     }
 
-    /// The memory that the shape holds, in bytes, without that of the mesh and of the display columns.
+    /// Returns the memory that the shape needs in bytes, except for the mesh and the columns that a graphics card gets.
     pub fn size(&self) -> usize {
         let computed = self.computed.as_ref().map_or(0, Column::size);
         self.origins.size() + computed + size_of_val(&self.leaning[..])
     }
 
-    /// The first material that has a visible texture.
+    /// Returns the first material of the shape that has a visible texture.
     pub fn textured_material(&self) -> Option<&Material> {
         self.materials()
             .iter()
@@ -200,12 +200,12 @@ impl Shape {
             .filter(|_| self.uv.is_some())
     }
 
-    /// The materials of the shape's faces.
+    /// Returns the materials of the mesh.
     pub fn materials(&self) -> &[Material] {
         self.mesh.materials()
     }
 
-    /// The edges of the faces as pairs of display vertices. The diagonals of polygons are left out.
+    /// Returns the edges of the faces as pairs of display vertices. The diagonals by which polygons are triangulated are left out.
     pub fn edges(&self) -> Vec<[u32; 2]> {
         let mut display_vertices = vec![NONE; self.mesh.positions().len()];
         for (k, &vertex) in self.origins.iter().enumerate().rev() {
@@ -220,7 +220,7 @@ impl Shape {
         self.mesh.vertex().pairs("uv").is_some()
     }
 
-    /// The surface parameters of each display vertex.
+    /// Returns the surface parameters (u, v) of each display vertex.
     pub fn parameters(&self) -> Option<Vec<[f32; 2]>> {
         let uv = self.mesh.vertex().pairs("uv")?;
         Some(self.origins.iter().map(|&vertex| uv[vertex as usize].map(|x| x as f32)).collect())
@@ -232,7 +232,7 @@ fn list<T: Send>(count: usize, item: impl Fn(usize) -> T + Copy + Send + Sync) -
     (0..count).into_par_iter().with_min_len(CHUNK).map(item).collect()
 }
 
-/// Merges those corners at a vertex that have the same key into one display vertex. Vertices without corners are left out. Returns the
+/// Merges the corners at each vertex that have the same key into one display vertex. Vertices without corners are left out. Returns the
 /// display vertex of each corner, and the first corner of each display vertex.
 fn weld<K: PartialEq>(
     corners: &[u32],
@@ -259,12 +259,12 @@ fn weld<K: PartialEq>(
     (display_vertices, firsts)
 }
 
-/// The triangulation of a mesh's faces.
+/// The division of a mesh's faces into triangles.
 struct Triangulation<'a> {
     mesh: &'a Mesh,
-    /// The corners of each triangle. Present if the faces differ in their numbers of corners.
+    /// The three corners of each triangle. Present only if the faces differ in their numbers of corners.
     listed: Option<Vec<[u32; 3]>>,
-    /// The faces whose triangles are not a fan, in ascending order. Present if all faces have the same number of corners.
+    /// The faces that are not triangulated as a fan, in ascending order. Used only if all faces have the same number of corners.
     bent: Vec<u32>,
 }
 
@@ -290,12 +290,12 @@ impl<'a> Triangulation<'a> {
         }
     }
 
-    /// The number of triangles per face. `None` if it differs between faces.
+    /// Returns the number of triangles per face, or 0 if it differs between faces.
     fn of_face(&self) -> usize {
         self.mesh.faces().sides().map_or(0, |sides| sides - 2)
     }
 
-    /// The corners of a triangle, as indices among the corners of all faces.
+    /// Returns the three corners of a triangle. The corners of all faces are numbered in one sequence.
     fn corners(&self, triangle: usize) -> [usize; 3] {
         if let Some(triangles) = &self.listed {
             return triangles[triangle].map(|corner| corner as usize);
@@ -309,18 +309,18 @@ impl<'a> Triangulation<'a> {
         corners.expect("as many triangles as in a fan").map(|corner| first + corner as usize)
     }
 
-    /// The vertices of a triangle. `of_corners` holds the vertex at each corner of all faces.
+    /// Returns the three vertices of a triangle. `of_corners` contains the vertex at each corner of all faces.
     fn vertices(&self, triangle: usize, of_corners: &[u32]) -> [u32; 3] {
         self.corners(triangle).map(|corner| of_corners[corner])
     }
 }
 
-/// The separate display vertices of leaning triangles. They are stored after the shared display vertices. Some capacity is reserved, so
-/// that a few more or fewer separate vertices do not move other data.
+/// The display vertices that belong only to leaning triangles. They are stored after the shared display vertices. Some capacity is
+/// reserved, so that other data does not move when their number changes a little.
 struct SeparateVertices {
-    /// The number of shared display vertices.
+    /// The number of display vertices that triangles share.
     count: usize,
-    /// For each separate display vertex, the shared vertex that it replaces, and its normal.
+    /// For each separate display vertex, the shared vertex that it replaces, and its packed normal.
     vertices: Vec<(u32, u32)>,
 }
 
@@ -340,12 +340,12 @@ impl SeparateVertices {
         separate.next_multiple_of(count / 64 + 1)
     }
 
-    /// The number of all display vertices, shared and separate.
+    /// Returns the number of all display vertices, shared and separate.
     fn end(&self) -> usize {
         self.count + self.vertices.len()
     }
 
-    /// The shared vertex that a display vertex replaces. For a shared vertex, the vertex itself.
+    /// Returns the shared vertex that a separate display vertex replaces. For a shared vertex, returns the vertex itself.
     fn shared_vertex(&self, vertex: usize) -> usize {
         vertex.checked_sub(self.count).map_or(vertex, |separate| self.vertices[separate].0 as usize)
     }
@@ -354,7 +354,7 @@ impl SeparateVertices {
         vertex.checked_sub(self.count).map(|separate| self.vertices[separate].1)
     }
 
-    /// Calls `to` with each leaning triangle and the display vertices of the triangle.
+    /// Calls `to` with each leaning triangle and its three display vertices.
     fn patch(
         &self,
         leaning: &[Leaning],
@@ -373,10 +373,10 @@ impl SeparateVertices {
     }
 }
 
-/// The source of the normals of a mesh.
+/// The normals with which a mesh is shaded: those that it contains, or computed ones.
 enum Normals<'a> {
     Given(Data<'a, [f64; 3]>),
-    /// Normals that were computed from the faces, one per vertex of the mesh.
+    /// Normals computed from the faces, one per vertex of the mesh.
     Computed(Column<[f32; 3]>),
 }
 
@@ -400,7 +400,7 @@ impl<'a> Normals<'a> {
         }
     }
 
-    /// The normal at a corner in packed form.
+    /// Returns the normal at a corner, packed into 30 bits.
     fn packed_normal(&self, corner: u32, vertex: u32) -> u32 {
         match self {
             Self::Given(data) => pack_normal(data.get(corner, vertex).into()),
@@ -408,7 +408,8 @@ impl<'a> Normals<'a> {
         }
     }
 
-    /// Finds those corners of a triangle at which a computed normal deviates too much from the normal of the triangle.
+    /// Finds the corners of a triangle at which the computed vertex normal deviates too much from the triangle's normal. Returns `None` if
+    /// there are none.
     fn find_leaning(
         &self,
         mesh: &Mesh,
@@ -426,20 +427,20 @@ impl<'a> Normals<'a> {
     }
 }
 
-/// The source from which the data at the display vertices of a shape come.
+/// The source from which the data of each display vertex is computed.
 #[derive(Clone, Copy)]
 struct VertexData<'a> {
     mesh: &'a Mesh,
     normalization: Normalization,
     paint: &'a Paint<'a>,
     normals: &'a Normals<'a>,
-    /// For each shared display vertex, one of its corners. `None` if the shared display vertices are the vertices of the mesh.
+    /// One of the corners of each shared display vertex. `None` if the shared display vertices are exactly the vertices of the mesh.
     firsts: Option<&'a [u32]>,
     separate: &'a SeparateVertices,
 }
 
 impl VertexData<'_> {
-    /// The vertex of the mesh that a display vertex shows.
+    /// Returns the vertex of the mesh that the display vertex `k` shows.
     fn origin(&self, k: usize) -> u32 {
         self.corner_and_vertex(k).1
     }
@@ -473,7 +474,7 @@ impl VertexData<'_> {
     }
 }
 
-/// Packs a direction into 30 bits. The zero vector becomes 0.
+/// Packs a direction into 30 bits: three signed numbers of ten bits. The zero vector becomes 0.
 fn pack_normal(normal: Vector3<f64>) -> u32 {
     let unit = normal.try_normalize(0.0).unwrap_or_default();
     fn bits(x: f64) -> u32 {
@@ -520,8 +521,8 @@ mod tests {
         let flat = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
         let sheet = shape(mesh(&flat, &[[0, 1, 2], [0, 2, 3]]));
         assert_eq!((sheet.positions.len(), sheet.triangles.len(), sheet.edges().len()), (4, 2, 5));
-        // Two faces meet at a right angle: the normals at their common edge deviate from them by 45 degrees. The normals of a sharper edge
-        // deviate by more.
+        // Two faces that meet at a right angle: the normals at their common edge deviate by 45 degrees from the normals of the faces. At a
+        // sharper edge they deviate by more.
         fn edge(height: f64, depth: f64) -> Arc<Shape> {
             let points = [[0., 0., 0.], [0., 1., 0.], [1., 0., 0.], [height, 0., depth]];
             shape(mesh(&points, &[[0, 2, 1], [0, 1, 3]]))

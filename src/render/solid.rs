@@ -1,23 +1,23 @@
-//! Draws points, lines, arrows and plots as small solids, so that one renderer can draw all layers.
+//! Represents points, lines, arrows and plots by small solids, so that one renderer can draw all layers.
 
 use maquette_value::{Attribute, Axes, Faces, Image, Layer, Mesh, Rgb, Series, bounds};
 use nalgebra::{Point3, Vector3};
 
 use super::{Aim, View};
 
-/// The radius of lines, and the size of points and of arrowheads, as fractions of the diagonal of the scene.
+/// The radius of lines and the size of points and arrowheads, as fractions of the diagonal of the scene.
 ///
-/// Lines on faces are half as thick as other lines, so that the faces are visible between them. If there are few points and nothing else,
-/// their size is `FEW_POINTS`, so that they are visible at all.
+/// Lines on faces are half as thick as other lines, so that the faces between them stay visible. If a scene consists only of a few points,
+/// they have the size `FEW_POINTS`, so that they can be seen at all.
 const LINE: f64 = 0.002;
 const POINT: f64 = 0.004;
 const FEW_POINTS: f64 = 0.012;
 const HEAD: f64 = 0.03;
 
-/// The radius of the beads in the middle of marked edges. Beads make even the smallest edge visible.
+/// The radius of the small balls in the middle of marked edges, as a fraction of the diagonal. They make even the shortest edge visible.
 const BEAD: f64 = 0.005;
 
-/// The color of marks. Nothing else has this color.
+/// The color of marked elements. Nothing else has this color.
 const MARK: Rgb = [235, 30, 40];
 
 /// The maximum number of points that are drawn. If there are more, only every n-th point is drawn.
@@ -26,13 +26,13 @@ const MAX_POINTS: usize = 100_000;
 /// The colors of points, lines and arrows, and the colors of the series of a plot.
 const COLORS: [Rgb; 4] = [[214, 170, 60], [92, 152, 232], [190, 80, 40], [70, 140, 90]];
 
-/// The height of a plot whose width is 1.
+/// The ratio of height to width of a plot.
 const PLOT: f64 = 0.7;
 
-/// Renders those layers of a value that are in space or a plot. Faces, lines, points and arrows are drawn together. `None` if there are no
-/// such layers.
+/// Renders the layers of a value that are in 3D space, or its plot. Faces, lines, points and arrows are drawn together. Returns `None` if
+/// there are no such layers.
 ///
-/// The axes of the picture, and of the view's target, are those of the faces. If there are no faces, they are those of the first layer.
+/// The picture and the target of the view have the coordinate axes of the faces. If there are no faces, they have those of the first layer.
 pub fn render_layers(layers: &[Layer], view: &View) -> Option<Image> {
     let (meshes, axes) = meshes_of(layers, Some(Axes::Upright));
     let has_faces = meshes.iter().any(|(_, is_solid)| !is_solid);
@@ -41,9 +41,9 @@ pub fn render_layers(layers: &[Layer], view: &View) -> Option<Image> {
     (!meshes.is_empty()).then(|| super::render_all(&meshes, &view))
 }
 
-/// The meshes of some layers, and one mesh of solids for everything else in space. Each mesh has a flag that is true for solids. Also
-/// returns the axes of the value: those of the faces, or those of the first layer if there are no faces. Solids have these axes; without
-/// faces they have the axes `alone`.
+/// Returns the meshes of some layers, and one more mesh with solids for everything else in 3D space. A flag is true for the mesh of solids.
+/// Also returns the coordinate axes of the value: those of the faces, or of the first layer if there are no faces. Solids have the same
+/// axes; but if there are no faces, they have the axes `alone`.
 pub(super) fn meshes_of(layers: &[Layer], alone: Option<Axes>) -> (Vec<(Mesh, bool)>, Axes) {
     let mut faces_first =
         layers.iter().filter(|layer| matches!(layer, Layer::Triangles(_))).chain(layers);
@@ -59,7 +59,7 @@ pub(super) fn meshes_of(layers: &[Layer], alone: Option<Axes>) -> (Vec<(Mesh, bo
     (faces.chain(solids.map(|mesh| (mesh, true))).collect(), axes)
 }
 
-/// The target of a view after conversion to upright axes.
+/// Converts the target of a view from the given axes to upright axes.
 fn aim(view: &View, axes: Axes) -> Option<Aim> {
     view.aim.map(|aim| match aim {
         Aim::Point(position) => Aim::Point(axes.convert(position, Axes::Upright)),
@@ -69,7 +69,7 @@ fn aim(view: &View, axes: Axes) -> Option<Aim> {
     })
 }
 
-/// The points, lines, arrows and marks that are to be drawn.
+/// The points, lines, arrows and marked elements that are to be drawn.
 #[derive(Default)]
 struct Solids {
     points: Vec<(Point3<f64>, Rgb)>,
@@ -79,7 +79,7 @@ struct Solids {
 }
 
 impl Solids {
-    /// Collects all layers except faces, and converts them to the axes `axes`.
+    /// Collects the elements of all layers except faces, and converts them to the coordinate axes `axes`.
     fn from_layers(layers: &[Layer], axes: Axes) -> Self {
         let mut all = Self::default();
         for layer in layers {
@@ -127,7 +127,7 @@ impl Solids {
         all
     }
 
-    /// Adds the series of a plot, which share an axis, and a frame.
+    /// Adds the series of a plot and a frame around them. All series share one horizontal axis.
     fn plot(&mut self, series: &[Series]) {
         let across = finite_range(series.iter().flat_map(|series| &series.at));
         let up = finite_range(series.iter().flat_map(|series| &series.numbers));
@@ -151,8 +151,8 @@ impl Solids {
         self.lines.extend(frame);
     }
 
-    /// The size of points, as a fraction of the diagonal of the scene. The fewer points there are, the larger they are. Points on lines are
-    /// small.
+    /// Returns the size of points, as a fraction of the diagonal of the scene. It is larger if there are few points, and small for points
+    /// on lines.
     fn point_size(&self) -> f64 {
         let count = self.points.len() + self.arrows.len();
         if self.lines.is_empty() {
@@ -162,8 +162,8 @@ impl Solids {
         }
     }
 
-    /// Builds one mesh of all solids. Sizes are relative to the scene, which includes `faces`. `None` if there are no solids, or if a
-    /// number overflows.
+    /// Builds one mesh of all solids. Their sizes are relative to the scene, which includes `faces`. Returns `None` if there are no solids,
+    /// or if a number overflows.
     fn mesh(&self, faces: &[&Mesh]) -> Option<Mesh> {
         let points = self.points.iter().map(|(point, _)| point);
         let ends = self.lines.iter().flat_map(|(ends, _)| ends);
@@ -206,19 +206,19 @@ impl Solids {
     }
 }
 
-/// The minimum and maximum of the finite numbers.
+/// Returns the minimum and the maximum of the finite numbers.
 fn finite_range<'a>(numbers: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     let start = (f64::INFINITY, f64::NEG_INFINITY);
     numbers.filter(|x| x.is_finite()).fold(start, |(low, high), &x| (low.min(x), high.max(x)))
 }
 
-/// The position of a number in a range, from 0 at its start to 1 at its end. In an empty range the position is 0.5.
+/// Returns the relative position of a number in a range: 0 at its start, 1 at its end. In an empty range the position is 0.5.
 fn relative(x: f64, (low, high): (f64, f64)) -> f64 {
-    // The numbers are halved first, because the difference of two huge numbers would be infinite.
+    // Halve first: the difference of two huge numbers could be infinite.
     if low < high { (x / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0) } else { 0.5 }
 }
 
-/// A mesh that is being built. Solids whose positions are not finite are left out.
+/// A mesh under construction. Solids with infinite positions or NaN are left out.
 #[derive(Default)]
 struct Pieces {
     positions: Vec<Point3<f64>>,
@@ -257,7 +257,8 @@ impl Pieces {
         self.add(&corners, &FACES, color);
     }
 
-    /// Adds a mark, which is a point, a line or a closed outline. The size of the scene determines the size of the mark.
+    /// Adds a mark for an element, given by its outline: a point, a line or a closed loop. The size of the mark depends on the size of the
+    /// scene.
     fn mark(&mut self, outline: &[Point3<f64>], size: f64) {
         let [first, .., last] = outline else {
             return outline.iter().for_each(|position| self.point(*position, BEAD * size, MARK));
@@ -276,7 +277,7 @@ impl Pieces {
         self.tube([from, to], [radius; 2], color);
     }
 
-    /// Adds a prism with four sides. Each of its two ends has its own radius.
+    /// Adds a prism with four sides along a line. The radii at its two ends may differ.
     fn tube(&mut self, ends: [Point3<f64>; 2], radii: [f64; 2], color: Rgb) {
         let Some(along) = (ends[1] - ends[0]).try_normalize(0.0) else { return };
         let axis = along.iamin();
@@ -302,7 +303,7 @@ mod tests {
 
     use super::*;
 
-    /// The number of pixels in a square picture that show something else than the background.
+    /// Returns the number of pixels that show something other than the background, in a square picture.
     fn visible_pixels(layers: &[Layer], side: usize) -> usize {
         let view = View { size: [side; 2], ..View::front() };
         let Some(picture) = render_layers(layers, &view) else { return 0 };

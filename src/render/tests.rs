@@ -15,7 +15,7 @@ fn view(width: usize, height: usize) -> View {
     View { size: [width, height], projection: Projection::Orthographic, ..View::front() }
 }
 
-/// Converts a picture to letters, one per pixel: r, g or b for the dominant channel, w for light grays, and `.` for the background.
+/// Converts a picture to letters, one per pixel: r, g or b for the dominant channel, w for light gray, and `.` for the background.
 fn draw(image: &Image) -> String {
     let rows = image.pixels().chunks(image.width());
     rows.map(|row| {
@@ -33,7 +33,7 @@ fn draw(image: &Image) -> String {
     .collect()
 }
 
-/// A square of two triangles at the height z. It has one color, and is seen from +z.
+/// Creates a square of two triangles in one color, at the height z. Its outer side faces +z.
 fn square(low: [f64; 2], high: [f64; 2], z: f64, color: Rgb) -> ([[f64; 3]; 4], Rgb) {
     let corners = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]];
     (corners.map(|[x, y]| [x, y, z]), color)
@@ -56,8 +56,7 @@ const BLUE: Rgb = [0, 0, 255];
 #[test]
 fn a_triangle_covers_its_pixels() {
     let triangle = mesh(&[[0., 0., 0.], [8., 0., 0.], [0., 8., 0.]], &[[0, 1, 2]]);
-    // The border of the triangle is 0.32 pixels from the border of the picture, and the pixels on the triangle's diagonal are covered by
-    // half.
+    // The triangle begins 0.32 pixels from the border of the picture. The pixels on its diagonal are covered by half.
     let expected = concat!(
         "w.......\n",
         "ww......\n",
@@ -98,11 +97,11 @@ fn inner_sides_are_red() {
     let points = [[0., 0., 0.], [8., 0., 0.], [0., 8., 0.]];
     let outer = draw(&render(&mesh(&points, &[[0, 1, 2]]), &view(8, 8)));
     let inner = draw(&render(&mesh(&points, &[[0, 2, 1]]), &view(8, 8)));
-    // The first row is covered too little to be checked.
+    // Skip the first row, which the triangle hardly covers.
     assert_eq!(outer.replace('w', "r")[9..], inner[9..]);
 }
 
-/// Three squares: red on the left, green on the right, and blue above both. Each has another z.
+/// Three squares in the plane z = 0: red at the lower left, green at the lower right, and blue above both.
 fn signpost() -> Mesh {
     squares(&[
         square([0., 0.], [4., 4.], 0., RED),
@@ -113,14 +112,14 @@ fn signpost() -> Mesh {
 
 #[test]
 fn a_mesh_has_x_right_and_y_up_and_a_capture_y_down() {
-    // The letters of the pixels in the middles of the picture's quarters.
+    // Returns the letters of the pixels in the middle of each quarter of the picture, row by row.
     fn quarters(mesh: &Mesh) -> [u8; 4] {
         let picture = draw(&render(mesh, &view(10, 10)));
         [(2, 2), (2, 7), (7, 2), (7, 7)].map(|(row, column)| picture.as_bytes()[11 * row + column])
     }
     assert_eq!(&quarters(&signpost()), b"bbrg");
     let frame = CaptureFrame { camera: None, picture: [1, 1], depth: 1.0, world_from_camera: None };
-    // A sensor looks along +z with y down. So it sees this side of the faces if their orientation is reversed.
+    // A sensor looks along +z with y down. To show this side of the faces to the sensor, reverse their orientation.
     let post = signpost();
     let turned = post.faces().as_triangles().unwrap().iter().map(|&[a, b, c]| [a, c, b]);
     let turned = Mesh::new(post.positions().clone(), Faces::triangles(turned.collect()))
@@ -133,7 +132,7 @@ fn a_mesh_has_x_right_and_y_up_and_a_capture_y_down() {
 
 #[test]
 fn yaw_shows_the_right_side_and_pitch_the_top() {
-    // A cube whose right side is green and whose top is blue. The other sides are left out.
+    // Two sides of a cube: the right side is green and the top is blue.
     let right = [[1., 0., 1.], [1., 0., 0.], [1., 1., 0.], [1., 1., 1.]];
     let top = [[0., 1., 1.], [1., 1., 1.], [1., 1., 0.], [0., 1., 0.]];
     let cube = squares(&[(right, GREEN), (top, BLUE)]);
@@ -167,13 +166,13 @@ fn a_texture_is_upright_and_straight_across_the_diagonal() {
     }
     assert!(row(24, &picture).starts_with('r') && row(24, &picture).ends_with('g'), "{picture}");
     assert!(row(35, &picture).starts_with('b') && row(35, &picture).ends_with('w'), "{picture}");
-    // With perspective, the near half of the board is wider in the picture than the far half.
+    // With perspective, the near half of the board looks wider than the far half.
     let red = row(24, &picture).chars().filter(|&c| c == 'r').count();
     let green = row(24, &picture).chars().filter(|&c| c == 'g').count();
     assert!(red > green, "{red} {green}");
 }
 
-/// A wavy sheet of `n` x `n` squares.
+/// Creates a wavy sheet of `n` x `n` squares.
 fn waves(n: u32) -> Mesh {
     let points = (0..(n + 1) * (n + 1))
         .map(|k: u32| {
@@ -258,7 +257,7 @@ fn each_face_shows_the_picture_or_the_color_of_its_material() {
         point_xy(0., 8.),
     ];
     let mesh = mesh(&points, &[[0, 1, 4], [0, 4, 5], [1, 2, 3], [1, 3, 4]]);
-    // The left half of the texture is green, and the texture is repeated beyond its border.
+    // The left half of the texture is green, and the texture repeats beyond its border.
     let uv = points.map(|[x, ..]| [x / 4. + 1., 0.5]);
     let image = Image::new(2, 1, vec![GREEN, RED]).unwrap();
     let mut skin = Material::from_picture(image);
@@ -300,7 +299,7 @@ fn lines_are_drawn_in_front_of_and_behind_faces() {
     let view = view(400, 400);
     let alone = render_layers(std::slice::from_ref(&faces), &view).unwrap();
     assert_eq!(alone, render(&mesh, &view));
-    // The lines are in front of the square, behind it, and in front of it in the axes of the sensor.
+    // The three lines are in front of the square, behind it, and in front of it in a sensor's coordinate axes.
     fn line_at(z: f64, axes: Axes) -> Layer {
         line([[0., 4., z], [8., 4., z]], axes)
     }
@@ -341,7 +340,7 @@ fn a_view_aims_at_a_point_or_fits_a_box() {
             count_pixels(&View { zoom: 0.5, ..fits }, 'g').abs_diff(count_pixels(&fits, 'g') / 4)
                 < 30
         );
-        // Boxes behind the scene and in front of it, and an empty scene.
+        // Cases: boxes behind the scene and in front of it, and an empty scene.
         for z in [-1e3, 1e3, 1e300, f64::NAN] {
             let (low, high) = (Point3::new(0., 0., z), Point3::new(1., 1., z));
             render(&signpost(), &aimed_view(Aim::Box(low, high), &whole));
@@ -351,7 +350,7 @@ fn a_view_aims_at_a_point_or_fits_a_box() {
     assert_eq!(Aim::at_points([Point3::new(0., f64::INFINITY, 0.)]), None);
 }
 
-/// Builds a layer with a picture from rows of letters: `.` is the background, w is white, and every other letter is a color.
+/// Builds a picture layer from rows of letters: `.` is the background, w is white, and any other letter stands for a color.
 fn layer_from_rows(rows: &[&str]) -> Layer {
     let pixels: Vec<_> = rows
         .iter()
@@ -402,7 +401,7 @@ fn a_region_is_outlined_on_its_capture_and_the_rest_is_dark() {
         letters(&draw_on(layer_from_rows(&region), registration, &capture)),
         expected.join("\n") + "\n"
     );
-    // A label gets an outline in its own color, and tints the backdrop in its interior.
+    // An area of a label is outlined in its own color, and tints the backdrop inside.
     let label = letters(&draw_on(layer_from_rows(&["....", "gggg", "gggg"]), None, &capture));
     assert_eq!(label.lines().nth(2), Some("gggggggg"), "{label}");
     assert_eq!(label.lines().nth(4), Some("????????"), "{label}");

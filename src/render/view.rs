@@ -1,13 +1,13 @@
-//! Views: the position of the camera, and the choice of the representation in which a value is drawn.
+//! Views: the camera with which a value is drawn, and the representation (flat or in 3D space).
 
 use nalgebra::Point3;
 
 use super::flat::Backdrop;
 
-/// The camera, and the size of the picture. The whole scene is framed automatically, unless the view aims at a part of the scene.
+/// The camera and the size of the picture. The whole scene fits into the picture, unless the view aims at a part of the scene.
 ///
-/// Seen from the front, a mesh with a [`CaptureFrame`](maquette_value::CaptureFrame) looks as its sensor saw it. A mesh without a frame has
-/// x to the right, y up, and z towards the viewer.
+/// From the front, a mesh with a [`CaptureFrame`](maquette_value::CaptureFrame) looks as its sensor saw it. For a mesh without a frame, x
+/// is to the right, y up, and z towards the viewer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// The width and height of the picture in pixels.
@@ -16,25 +16,25 @@ pub struct View {
     pub yaw: f64,
     /// The angle by which the camera rises above the mesh, in degrees.
     pub pitch: f64,
-    /// The magnification relative to a scene that just fits into the picture, 0.001 to 1000.
+    /// The magnification, from 0.001 to 1000. At 1 the scene just fits into the picture.
     pub zoom: f64,
     /// The projection: perspective or orthographic.
     pub projection: Projection,
-    /// The part of the scene that is shown in the middle of the picture. If omitted, the whole scene is shown.
+    /// The part of the scene to show. If it is `None`, the whole scene is shown.
     pub aim: Option<Aim>,
 }
 
-/// The part of the scene that is shown in the middle of a picture, in mm, in the axes of the scene.
+/// The part of a scene that is shown in the middle of a picture. Positions are in mm, in the coordinate axes of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Aim {
-    /// A point, which is shown in the middle. The scale does not change.
+    /// A point that is shown in the middle. The scale is the same as without it.
     Point(Point3<f64>),
-    /// The minimum and the maximum corner of a box, which just fits into the picture.
+    /// A box, given by its minimum and maximum corner, which just fits into the picture.
     Box(Point3<f64>, Point3<f64>),
 }
 
 impl Aim {
-    /// Aims at the bounding box of those points that are finite. `None` if no point is finite.
+    /// Aims at the bounding box of the finite points. Returns `None` if no point is finite.
     pub fn at_points(points: impl IntoIterator<Item = Point3<f64>>) -> Option<Self> {
         let points: Vec<_> =
             points.into_iter().filter(|point| point.coords.iter().all(|x| x.is_finite())).collect();
@@ -42,18 +42,18 @@ impl Aim {
     }
 }
 
-/// The projection: perspective or orthographic.
+/// The projection from 3D space to the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Projection {
     /// Perspective through a lens with an angle of view of 26 degrees.
     #[default]
     Perspective,
-    /// No perspective, so that parallel lines remain parallel.
+    /// Without perspective: parallel lines stay parallel.
     Orthographic,
 }
 
 impl View {
-    /// A view from the front, 800 x 600 pixels, in perspective.
+    /// Returns a view from the front, with perspective and 800 x 600 pixels.
     pub fn front() -> Self {
         Self {
             size: [800, 600],
@@ -66,31 +66,31 @@ impl View {
     }
 }
 
-/// The camera and the representation with which a value is drawn.
+/// The camera, representation and backdrop with which a value is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look<'a> {
-    /// The camera for a value in space.
+    /// The camera, which is used for a value in 3D space.
     pub view: View,
-    /// The representation in which the value is drawn.
+    /// The way in which the value is drawn.
     pub representation: Representation,
-    /// The backdrop: the picture on which a flat picture is drawn.
+    /// The picture on which a flat picture is drawn; `None` for no backdrop.
     pub backdrop: Option<Backdrop<'a>>,
 }
 
-/// The representation in which a value is drawn.
+/// The way in which a value is drawn: flat or in 3D space.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Representation {
-    /// The value's flat picture, in its own resolution. If the value has none, the value in space.
+    /// Draws the flat picture of the value in its own resolution. A value without a flat picture is drawn in 3D space.
     #[default]
     Native,
-    /// As `Native`, except that a flat picture is scaled to the size of the view.
+    /// Draws like `Native`, but scales a flat picture to the size of the view.
     Fitted,
-    /// The value is drawn in space, as the camera sees it.
+    /// Draws the value in 3D space, as the camera sees it.
     Space,
 }
 
 impl Look<'_> {
-    /// A view of the flat picture of a value. If the value has none, a view of the value from the front.
+    /// Returns a look that draws the flat picture of a value. A value without a flat picture is drawn in 3D space, seen from the front.
     pub fn front() -> Self {
         Self { view: View::front(), representation: Representation::Native, backdrop: None }
     }

@@ -1,4 +1,4 @@
-//! Build ids, made by cargo: equal for equal code, different for different code.
+//! Build ids that cargo embeds in programs: they are equal for equal code, and different for different code.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use maquette::{Catalog, Disk, Pack};
 
-/// A workspace of the libraries `a` and `b`, which have build ids (`b` depends on `a`), and the programs `one` and `two`, which print the
+/// A cargo workspace for the test. Its libraries `a` and `b` have build ids (`b` depends on `a`). Its programs `one` and `two` print the
 /// ids.
 struct Workspace(tempfile::TempDir);
 
@@ -33,7 +33,7 @@ impl Workspace {
             package(name, &format!("build = '../build.rs'\nlinks = '{name}'\n{more}"), workspace);
         }
         with_id("a", "", &workspace);
-        // The sources of `b` are in its root folder instead of `src`, as in a node pack.
+        // Put the sources of `b` into its root folder instead of `src`, as in a node pack.
         with_id("b", "[lib]\npath = 'lib.rs'\n[dependencies]\na.path = '../a'", &workspace);
         for name in ["one", "two"] {
             package(name, "[dependencies]\na.path = '../a'\nb.path = '../b'", &workspace);
@@ -71,7 +71,7 @@ impl Workspace {
         command
     }
 
-    /// Builds a program and returns the ids of `a` and `b` that it prints.
+    /// Builds a program and runs it. Returns the ids of `a` and `b` that it prints.
     fn ids(&self, program: &str) -> [String; 2] {
         ids(self.command(program))
     }
@@ -109,11 +109,11 @@ fn an_id_is_that_of_all_that_the_code_is_made_of() {
     }
     workspace.append("a/src/lib.rs", "// More.");
     let ids = changes_both("a source of `a`", [a, b], &workspace);
-    // A change of the program `two` does not change the ids of the libraries that `one` uses, though the lock file lists `two`.
+    // Changing the program `two` does not change the ids of the libraries that `one` uses, although the lock file lists `two`.
     let manifest = fs::read_to_string(workspace.path("two/Cargo.toml")).unwrap();
     workspace.write("two/Cargo.toml", &manifest.replace("1.0.0", "1.0.1"));
     assert_eq!(workspace.ids("one"), ids);
-    // A dev-dependency is not part of the code, so it may lack an id.
+    // A dev-dependency is not part of the built code, so it need not have an id.
     workspace.write("c/Cargo.toml", "[package]\nname = 'c'\nedition = '2024'\n");
     workspace.write("c/src/lib.rs", "");
     workspace.append("b/Cargo.toml", "\n[dev-dependencies]\nc.path = '../c'\n");
@@ -138,14 +138,15 @@ fn where_a_change_would_go_unnoticed_there_is_no_id() {
     let mut command = workspace.command("one");
     command.env("CARGO_TARGET_DIR", elsewhere.path());
     assert_eq!(ids(command), ["", ""]);
-    // The library `c` has no id, and the lock file does not record edits of a local library: a change of `c` would be missed.
+    // The library `c` has no id, and the lock file does not record edits of a local library. So a change of `c` would be missed, and no ids
+    // are given.
     workspace.write("c/Cargo.toml", "[package]\nname = 'c'\nedition = '2024'\n");
     workspace.write("c/src/lib.rs", "");
     workspace.append("a/Cargo.toml", "[dependencies]\nc.path = '../c'\n");
     assert_eq!(workspace.ids("one"), ["", ""]);
 }
 
-/// Returns the number of packs without a build id. Such a pack is identified by the content of the program file that contains its code.
+/// Returns the number of packs without a build id. They are identified by the hash of the executable that contains their code.
 fn files_of_code(packs: &[&Pack]) -> usize {
     let folder = tempfile::tempdir().unwrap();
     Disk::open(folder.path(), 1 << 30, &Catalog::new(packs)).unwrap();
@@ -158,8 +159,7 @@ fn our_packs_are_known_by_their_ids_and_those_of_others_by_their_file() {
         .ancestors()
         .any(|folder| folder.join("Cargo.lock").is_file());
     assert_eq!(files_of_code(maquette_nodes::PACKS), usize::from(!has_ids));
-    // A file that was just written may still change, so the hash of its content is not recorded at once. The loop waits until it is
-    // recorded.
+    // Wait until the hash of the executable is stored. It is not stored at once, because a file that was just written may still change.
     let is_over = Instant::now() + Duration::from_secs(5);
     while files_of_code(&[&maquette_third_party::PACK]) != 1 {
         assert!(Instant::now() < is_over, "its file was not looked at");
@@ -167,7 +167,7 @@ fn our_packs_are_known_by_their_ids_and_those_of_others_by_their_file() {
     }
 }
 
-/// Runs `cargo tree` with these arguments and returns the packages that it lists, with the features of each.
+/// Runs `cargo tree` with these arguments. Returns the packages that it lists, each with its features.
 fn packages(arguments: &[&str]) -> BTreeSet<String> {
     let mut command = cargo();
     command.args(["tree", "--locked", "--offline", "--prefix", "none", "--format", "{p} {f}"]);

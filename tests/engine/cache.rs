@@ -1,4 +1,5 @@
-//! Cached results on disk, which outlive a process: they are never stale, never used when damaged, and never delay or fail an evaluation.
+//! Cached results on disk, which outlive a process. They are never stale, they are not used when damaged, and they never delay or fail an
+//! evaluation.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -14,7 +15,7 @@ use maquette::{
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 const LIMIT: u64 = 1 << 30;
 
-/// Simulates a series of processes: each evaluation has its own evaluator, and all of them share the cache folder.
+/// Simulates a series of processes. Each evaluation has its own evaluator, and all of them share the cache folder.
 struct Processes {
     catalog: Catalog,
     folder: tempfile::TempDir,
@@ -49,7 +50,7 @@ impl Processes {
         evaluation
     }
 
-    /// All files in the cache folder.
+    /// Returns all files in the cache folder.
     fn files(&self) -> Vec<PathBuf> {
         let mut files = Vec::new();
         let mut folders = vec![self.cache().to_owned()];
@@ -88,7 +89,7 @@ fn the_next_process_computes_what_changed_alone() {
         trace.to_string().contains("computed raised   parameter `distance` 12 -> 25"),
         "{trace}"
     );
-    // Removes the record that the last evaluation wrote about the graph. Results are still found by their keys.
+    // Remove the record that the last evaluation wrote about the graph. Results are still found by their keys.
     for file in processes.files() {
         if file.parent().unwrap().ends_with("graphs") {
             fs::remove_file(file).unwrap();
@@ -98,8 +99,8 @@ fn the_next_process_computes_what_changed_alone() {
     assert_eq!(trace.count(State::Computed), 0, "{trace}");
 }
 
-/// Flips random bits of random cache files, often enough to damage every file repeatedly. Each result must stay right, whether it is read
-/// from the cache or computed again.
+/// Flips random bits in random cache files, often enough to damage every file repeatedly. Each result must stay right, both if it is read
+/// from the cache and if it is computed again.
 #[test]
 fn a_thousand_flipped_bytes_change_no_result() {
     let processes = Processes::new();
@@ -127,7 +128,7 @@ fn a_thousand_flipped_bytes_change_no_result() {
         assert!(evaluation.diagnostics().is_empty(), "{:?}", evaluation.diagnostics());
         assert_eq!(hash(&evaluation, &graph), expected);
     }
-    // The cache is repaired: the next evaluation computes what is missing, and the one after it finds everything.
+    // The cache is repaired: the next evaluation computes what is missing, and the evaluation after it finds everything in the cache.
     processes.run(&[]);
     let trace = processes.run(&[]).trace();
     assert_eq!(trace.count(State::Computed), 0, "{trace}");
@@ -196,18 +197,19 @@ fn four_evaluators_share_a_folder() {
     });
 }
 
-/// An observer that clears the cache as soon as an evaluation is planned. Then it delays the end of the node `first` until the node `last`
-/// has started, and `last` until `first` has started.
+/// An observer that clears the cache as soon as an evaluation is planned. It also makes the nodes `first` and `last` wait for each other:
+/// `last` until `first` has started, and then `first` until `last` has finished.
 struct Clearing<'a> {
     cache: &'a Path,
-    /// Names of the nodes that have started; `last begins` records that `last` has started.
+    /// The names of the nodes that have started. For the node `last`, `last begins` means that it has started, and `last` that it has
+    /// finished.
     seen: Mutex<BTreeSet<String>>,
     more: Condvar,
 }
 
 impl Clearing<'_> {
-    /// Records that `node` has been reached and waits until `other` is recorded. The wait has a timeout: a bug then fails the test instead
-    /// of blocking it.
+    /// Records that `node` has been reached, and waits until `other` is recorded. The wait has a timeout, so that a bug fails the test
+    /// instead of blocking it.
     fn meet(&self, node: &str, other: &str) {
         let mut seen = self.seen.lock().unwrap();
         let is_first = seen.insert(node.to_owned());
@@ -248,15 +250,16 @@ impl Observer for Clearing<'_> {
 }
 
 /// Tests a chain of three nodes. `first` is missing on disk and is restored. `middle` is on disk when the evaluation begins, but is deleted
-/// before the changed node `last` needs it. Then `middle` must be computed again from the result of `first`, which does not exist yet.
+/// before the changed node `last` needs it. Then `middle` must be computed again from the result of `first`, which does not exist yet at
+/// that time.
 #[test]
 fn values_that_go_while_their_sources_are_restored_are_computed_again() {
     let processes = Processes::new();
     let project = tempfile::tempdir().unwrap();
     let path = project.path().join("three.ron");
     fs::write(project.path().join("tip.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
-    // Waits until the mesh file is old enough. A file that was just written would be read again, and all nodes that depend on it would be
-    // checked again.
+    // Wait until the mesh file is old enough. A file that was just written would be read again, and all nodes that depend on it would be
+    // visited.
     std::thread::sleep(Duration::from_millis(300));
     let text = "Graph(format: 1, params: {\"far\": Number(default: 1.0)}, nodes: {
         \"first\": ReadMesh(path: \"tip.obj\"),
@@ -311,7 +314,7 @@ fn what_was_not_used_for_longest_goes_first() {
     let before = Disk::usage(processes.cache()).unwrap().bytes;
     let dropped = Disk::gc(processes.cache(), before - 1_000_000).unwrap();
     assert!((1_000_000..before / 2).contains(&dropped), "{dropped} of {before}");
-    // Only results that the last run did not use were removed.
+    // Only results that the last run did not use have been removed.
     let trace = processes.run(&[("growth", "30")]).trace();
     assert_eq!(trace.count(State::Computed), 0, "{trace}");
 }
@@ -335,7 +338,7 @@ fn memory_for_a_part_of_the_results_still_gives_all_of_them() {
     }
 }
 
-/// Counts the nodes that start.
+/// An observer that counts the nodes that start.
 #[derive(Default)]
 struct StartCounter(AtomicUsize);
 

@@ -26,7 +26,7 @@ fn the_built_in_packs_keep_the_laws() {
             }
         }
     };
-    // Two threads check packs in parallel: much of one check runs on a single thread.
+    // Check packs on two threads, because much of each check runs on a single thread.
     thread::scope(|scope| {
         scope.spawn(check_some);
         check_some();

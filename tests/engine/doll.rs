@@ -1,4 +1,5 @@
-//! The main use case, measured: the doll's nose is found and grows by the requested distance, and nothing else changes.
+//! Measures the main use case, the example graph `doll.ron`. The doll's nose must be found and grow by the requested distance, and nothing
+//! else may change.
 
 use std::path::Path;
 
@@ -32,7 +33,7 @@ impl Doll {
     }
 }
 
-/// The label of the nose in the ground truth `doll_front_labels.png`.
+/// The label of the nose in the picture of the right labels, `doll_front_labels.png`.
 const NOSE: u8 = 4;
 
 #[test]
@@ -97,7 +98,7 @@ fn the_mesh_is_manifold_and_looks_towards_the_sensor() {
         let center = grid.positions()[face[0] as usize];
         grid.area_vector(face).dot(&center.coords) > 0.0
     });
-    // The grown nose overhangs slightly; all other faces are visible from the sensor.
+    // Only the grown nose overhangs slightly. All other faces are visible from the sensor.
     let share = away.count() as f64 / grid.faces().len() as f64;
     assert!(share < 0.01, "{share} of the faces look away from the sensor");
     assert!(doll.get::<Mesh>("model", "").texture().is_some());

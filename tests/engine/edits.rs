@@ -1,4 +1,4 @@
-//! Edits of graphs: each edit makes exactly the requested change or is refused with a reason.
+//! Edits of graph files. Each edit makes exactly the requested change, or is refused with a reason.
 
 use std::path::Path;
 use std::sync::OnceLock;
@@ -77,7 +77,7 @@ fn apply_edits(text: &str, edits: &[Edit]) -> Result<String, String> {
     })
 }
 
-/// Checks that an edit replaces the given parts of a text, in order, and no others.
+/// Checks that an edit replaces exactly the given parts of a text, in this order.
 #[track_caller]
 fn check_edit(text: &str, edit: Edit, replaced: &[(&str, &str)]) {
     let mut expected = text.to_owned();

@@ -1,4 +1,5 @@
-//! Tests what the engine guarantees to every pack, with a small pack: each key runs once, nodes run in parallel, panics are caught, and
+//! Tests the guarantees of the engine with a small pack of nodes. Each key is computed once, nodes run in parallel, panics are caught, and
+//! evaluations can be cancelled.
 //! cancellation works.
 
 use std::sync::Barrier;
@@ -14,7 +15,7 @@ use maquette::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A number that is passed along a link.
+/// A number, as the value of an output.
 #[derive(Clone, Debug, PartialEq)]
 struct Number(f64);
 
@@ -50,7 +51,8 @@ impl Memo for Number {
     }
 }
 
-/// `GIVEN` counts how often a [`Give`] node returns this number. Only one test uses this number, because tests run in parallel.
+/// The number whose computations are counted in `GIVEN`: how often a [`Give`] node has returned it. Only one test uses this number, because
+/// tests run in parallel.
 const COUNTED: f64 = 7.25;
 static GIVEN: AtomicUsize = AtomicUsize::new(0);
 
@@ -97,7 +99,7 @@ impl Node for Sum {
     }
 }
 
-/// Counts how often 3 was halved; only one test computes sums of three numbers.
+/// The number of times that 3 was halved. Only one test computes the sum of three numbers.
 static HALVED: AtomicUsize = AtomicUsize::new(0);
 
 fn halve(number: &Number) -> Result<Number, Error> {
@@ -264,7 +266,7 @@ fn a_cancelled_evaluation_stops_within_a_tenth_of_a_second() {
     let evaluation = evaluator.evaluate_all_nodes(&graph, &observer, &observer.0);
     assert_eq!(evaluation.trace().to_string(), "failed   long  cancelled\n");
     assert!(start.elapsed() < Duration::from_secs(5), "the work takes 30 s");
-    // The cancelled evaluation has left nothing in the cache.
+    // The cancelled evaluation must leave nothing in the cache.
     let again = evaluator.evaluate_all_nodes(
         &load(r#""n": Give(number: 1)"#),
         &(),
@@ -282,7 +284,7 @@ fn a_long_chain_is_evaluated_without_a_deep_stack() {
     assert_eq!(number(&evaluation, &graph, "n19999", "sum"), 3.0);
 }
 
-/// Regression test: nodes that became ready while the first nodes were still being started were started twice.
+/// Regression test: a node that became ready while the first nodes were still being started was started twice.
 #[test]
 fn each_node_is_visited_once_however_early_it_becomes_ready() {
     struct Ends(AtomicUsize);

@@ -1,4 +1,4 @@
-//! Tests the fixes of diagnostics that have exactly one possible fix: each fix removes its own diagnostic and causes no other.
+//! Tests the fixes of diagnostics that have only one possible fix. Each fix removes its own diagnostic and causes no other.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,8 +14,8 @@ fn problems(path: &Path, text: &str, catalog: &Catalog) -> Vec<Diagnostic> {
     [&checked.diagnostics[..], unused].concat()
 }
 
-/// Returns true if the diagnostic `shown` could only be reported after `by` was fixed: missing fields, once the node's type is known, and
-/// the target of a name, once that name is corrected.
+/// Returns true if the diagnostic `shown` could be reported only after `by` was fixed. Missing fields are known only after the type of the
+/// node is, and the target of a name only after that name is right.
 fn was_hidden(shown: &Diagnostic, by: &Diagnostic) -> bool {
     let is_carried = by.message.ends_with(" to carry");
     by.code == "G003" && shown.code == "G005" || is_carried && shown.code == "G007"
@@ -68,7 +68,7 @@ fn each_fix_makes_its_problem_go_away_and_brings_no_other() {
     assert!(fixes >= 15, "only {fixes} fixes");
 }
 
-/// Applies all fixes to a text; returns the fixed text and the messages of the diagnostics that were fixed.
+/// Applies all fixes to a text. Returns the fixed text, and the messages of the fixed diagnostics.
 fn apply_fixes(text: &str) -> (String, Vec<String>) {
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let folder = tempfile::tempdir().unwrap();
@@ -80,7 +80,7 @@ fn apply_fixes(text: &str) -> (String, Vec<String>) {
     (fixed, mended.into_iter().map(|problem| problem.message).collect())
 }
 
-/// Returns a graph with an additional node.
+/// Returns a graph that contains the additional node `node`.
 fn graph(node: &str) -> String {
     format!(
         "Graph(\n    format: 1,\n    nodes: {{\n        \"doll\": ReadMesh(path: \"doll.obj\"),\n        {node}\n    }},\n    outputs: {{ \"end.ply\": \"end\" }},\n)\n"
@@ -90,7 +90,7 @@ fn graph(node: &str) -> String {
 #[test]
 fn what_has_one_answer_is_put_right() {
     for (wrong, right) in [
-        // Corrected names: of types, fields, variants, links, outputs, and files.
+        // Misspelled names: of types, fields, variants, links, outputs and files.
         (
             r#""end": Subdivde(mesh: "doll", scheme: Loop),"#,
             r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
@@ -112,7 +112,7 @@ fn what_has_one_answer_is_put_right() {
             r#""end": Subdivide(mesh: "doll.mesh", scheme: Loop),"#,
         ),
         (r#""end": ReadMesh(path: "dol.obj"),"#, r#""end": ReadMesh(path: "doll.obj"),"#),
-        // Missing commas, and missing parentheses if the line breaks show their positions.
+        // Missing commas, and missing parentheses whose position follows from the line breaks.
         (
             r#""end": Subdivide(mesh: "doll" scheme: Loop),"#,
             r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
@@ -125,10 +125,10 @@ fn what_has_one_answer_is_put_right() {
             r#""end": Subdivide(mesh: "doll", scheme: Loop,"#,
             r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
         ),
-        // A missing link that has only one possible source.
+        // A missing link for which there is only one possible source.
         (r#""end": Subdivide(scheme: Loop),"#, r#""end": Subdivide(mesh: "doll", scheme: Loop),"#),
         (r#""end": Texture(mesh: "doll", image: "doll"),"#, ""),
-        // A unit where no unit is allowed.
+        // A unit in a field without a unit.
         (
             r#""end": Transform(mesh: "doll", scale: (cm(2), 1, 1)),"#,
             r#""end": Transform(mesh: "doll", scale: (2, 1, 1)),"#,

@@ -1,4 +1,4 @@
-//! Checks that every graph of the project produces its golden results, with the code of `maquette test graphs`.
+//! Checks that every graph of the project still produces its golden results, like the command `maquette test graphs`.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -78,7 +78,7 @@ fn copy() -> tempfile::TempDir {
     folder
 }
 
-/// Changes a copy of the doll's files and returns the failures of its test.
+/// Changes a copy of the files of the example graph `doll.ron`. Returns the failures of its test.
 fn failures(change: impl Fn(&Path)) -> String {
     let folder = copy();
     change(folder.path());
@@ -106,7 +106,7 @@ fn a_longer_nose_is_found_with_its_place() {
     assert!(!found.contains("doll.ron long"), "{found}");
 }
 
-/// Writes a copy of a golden under another name, which no test uses.
+/// Copies a golden to another name, which no test uses.
 fn copy_golden(folder: &Path, to: &str) {
     std::fs::copy(folder.join("goldens/doll/long/red.txt"), folder.join(to)).unwrap();
 }

@@ -1,4 +1,4 @@
-//! Invalid graph files: the check reports every error at once, each at its position and with a helpful message.
+//! Invalid graph files. The check must report every error at once, each at its position and with a helpful message.
 
 use std::path::Path;
 
@@ -32,7 +32,7 @@ fn check(text: &str, expected: Expect) {
     expected.assert_eq(&problems(&path).replace(root.to_str().unwrap(), "ROOT"));
 }
 
-/// Checks a graph with these nodes and outputs.
+/// Checks a graph with the given nodes and outputs.
 fn check_nodes(nodes: &str, outputs: &str, expected: Expect) {
     check(
         &format!("Graph(format: 1, nodes: {{\n{nodes}\n}}, outputs: {{\n{outputs}\n}})"),
@@ -305,8 +305,8 @@ fn a_missing_comma_and_a_missing_choice_are_named() {
             1:63-64 G009 node `b` is the number 1, not a node (write `Type(field: value, ..)`)
         "#]],
     );
-    // An unsupported space character between fields does not hide other errors. Errors that only follow from a missing comma
-    // are not reported.
+    // An unsupported space character between fields must not hide other errors. Errors that are only consequences of a missing comma must
+    // not be reported.
     check(
         "Graph(format: 1, nodes: {\"b\"},\u{2003}outputs: {})",
         expect![[r#"
@@ -384,7 +384,7 @@ fn the_node_of_a_strangers_pack_says_which_files_it_reads() {
     }
 }
 
-/// Checking takes time proportional to the file's length. Each of these long files once took from 30 to 90 seconds.
+/// Checking a file must take time proportional to its length. Each of these long files once took from 30 to 90 seconds.
 #[test]
 fn long_files_are_checked_in_seconds() {
     let folder = tempfile::tempdir().unwrap();
@@ -420,8 +420,8 @@ fn long_files_are_checked_in_seconds() {
     }
 }
 
-/// Checks that the graphs in `../shared/graphs/bad` cause the errors that the project's design lists for them. Skipped if the folder does
-/// not exist.
+/// Checks that the graphs in `../shared/graphs/bad` cause the errors that the project's design lists for them. The test is skipped if that
+/// folder does not exist.
 #[test]
 fn the_graphs_of_the_design_are_refused_as_it_says() {
     let Some(folder) = shared_folder("graphs/bad") else { return };

@@ -1,14 +1,14 @@
-//! Damaged files cause errors: no reader panics, hangs or uses much memory. The fuzz targets in `fuzz/` test this for longer.
+//! Damaged files must cause errors. No reader may panic, hang or use much memory. The fuzz targets in `fuzz/` test the same for longer.
 
 use std::time::{Duration, Instant};
 
 mod readers;
 use readers::{READERS, spoil};
 
-/// Number of damaged files per reader. All readers together take a few seconds.
+/// The number of damaged files per reader. Testing all readers takes a few seconds.
 const CASES: u64 = 1500;
 
-/// Maximum time for a small file: some hundred times the time of the slowest file, to allow for busy machines.
+/// The maximum time for reading a small file. It is some hundred times that of the slowest file, because the machine may be busy.
 const LONG: Duration = Duration::from_secs(5);
 
 #[test]

@@ -1,4 +1,4 @@
-//! Checks by the trace which nodes run again after a change.
+//! Checks which nodes run again after a change, as the trace shows them.
 
 use std::path::{Path, PathBuf};
 
@@ -143,7 +143,7 @@ fn comments_names_and_order_do_not_matter() {
     assert_eq!(moved.trace().count(State::Cached), moved.trace().0.len(), "{}", moved.trace());
 }
 
-/// A copy of the example graph `doll.ron` and of its files, which a test may change.
+/// A copy of the example graph `doll.ron` and of its files. The test may change it.
 struct Copy {
     session: Session,
     folder: tempfile::TempDir,
@@ -174,8 +174,8 @@ impl Copy {
         std::fs::write(&self.session.path, text.replace(from, to)).unwrap();
     }
 
-    /// Lists the nodes that were not cached, with their states. For example, `scan computed the same` means that `scan` was computed and
-    /// its result is unchanged.
+    /// Lists the nodes that were not cached, with their states. For example, `scan computed the same` means that the node `scan` ran and
+    /// gave the same result as before.
     fn states(&mut self) -> String {
         let trace = self.session.run(&[]).trace();
         let touched = trace.0.iter().filter(|node| node.state != State::Cached);
@@ -225,7 +225,7 @@ fn another_file_says_so() {
     let mut copy = Copy::new();
     let path = copy.path("doll/range.pcd");
     let mut bytes = std::fs::read(&path).unwrap();
-    // Slightly changes the x coordinate of the last point.
+    // Change the x coordinate of the last point slightly.
     let place = bytes.len() - 13;
     bytes[place] ^= 1;
     std::fs::write(&path, bytes).unwrap();

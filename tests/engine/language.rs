@@ -1,4 +1,4 @@
-//! The graph language: each error is reported once, at its position.
+//! The graph language: the check must report each error once, at its position.
 
 mod merge_sample;
 mod merged_comments;
@@ -36,7 +36,7 @@ mod vectors;
 mod verdicts;
 mod zeros;
 
-/// Each graph in `tests/bad` has two errors of one kind. The file `NAME.txt` beside it lists the expected diagnostics.
+/// Each graph in `tests/bad` contains two errors of one kind. The file `NAME.txt` next to it lists the expected diagnostics.
 #[test]
 fn each_mistake_is_told_once_at_its_place() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/bad");

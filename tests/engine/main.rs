@@ -1,4 +1,5 @@
-//! Tests of the engine as packs and hosts see it. They are one binary, because linking each test takes long.
+//! Tests of the engine from the point of view of packs and host programs. They form one program, because linking a program for each test
+//! takes long.
 
 mod builds;
 mod cache;

@@ -1,5 +1,5 @@
-//! Checks the dependencies between source files, found from `use` lines and paths: they have no cycles in packs, and only the root file of
-//! a pack names the file of a node.
+//! Checks the dependencies between source files, which are found from `use` lines and paths. They must have no cycles in packs, and only
+//! the root file of a pack may name the file of a node.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
     assert!(count > 40, "only {count} nodes were found");
 }
 
-/// The crates that each crate of the engine may depend on.
+/// For each crate of the engine, the crates on which it may depend.
 const CRATES: [(&str, &[&str]); 16] = [
     ("value", &[]),
     ("syntax", &["value"]),
@@ -67,7 +67,7 @@ const CRATES: [(&str, &[&str]); 16] = [
     ("program", &["cli", "engine", "nodes"]),
 ];
 
-/// For each crate, the maximum number of files (without the root) that depend on each other in a cycle. These numbers must not grow.
+/// For each crate, the maximum number of files (without the root) that depend on each other in a cycle. These numbers must not increase.
 const KNOTS: [(&str, usize); 16] = [
     ("value", 24),
     ("syntax", 7),
@@ -122,8 +122,7 @@ fn few_files_of_a_crate_depend_on_each_other_in_circles() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Returns the largest set of files that all depend on each other, directly or through other files. The set is empty if no such files
-/// exist.
+/// Returns the largest set of files that all depend on each other, directly or through other files. Returns an empty set if there are none.
 fn largest_knot(arrows: &[Arrow]) -> BTreeSet<&str> {
     let reached = |from: &str| {
         let (mut seen, mut next) = (BTreeSet::new(), vec![from.to_owned()]);
@@ -167,7 +166,7 @@ fn a_circle_is_found_however_it_is_written() {
         let sources = pack(left, &format!("pub struct Right; {back}"));
         let arrows = arrows_between(sources.arrows(), |file| file.to_owned());
         assert_eq!(circles(&arrows), ["pack/a.rs -> pack/b.rs -> pack/a.rs"], "{back}");
-        // Both files are in one module folder, and dependencies inside of a folder do not count.
+        // Both files are in the same folder, and dependencies inside of a folder do not count.
         let rooms = arrows_between(sources.arrows(), |file| file[..4].to_owned());
         assert_eq!(circles(&rooms), [""; 0], "{back}");
     }
@@ -201,7 +200,7 @@ fn who_names_a_node_is_found_however_it_is_written() {
     assert_eq!(arrows_of("#[cfg(test)] mod tests { use super::super::Left; }", node), [""; 0]);
 }
 
-/// Returns a crate with a module `pack` that re-exports items of its two files.
+/// Creates a crate with a module `pack`, which re-exports the items of its two files.
 fn pack(left: &str, right: &str) -> Sources {
     let files = [
         ("lib.rs", "pub mod pack; const A: char = '{';"),
@@ -216,7 +215,7 @@ fn sources(files: &[(&str, &str)]) -> Sources {
     Sources::parse(&|name| files.iter().find(|file| file.0 == name).map(|file| file.1.to_owned()))
 }
 
-/// Returns the folders of the packs and of the libraries that they use.
+/// Returns the folders of the packs, and of the libraries that they use.
 fn packs() -> Vec<PathBuf> {
     let inside = std::fs::read_dir(folder().join("nodes")).unwrap();
     let mut packs: Vec<_> = inside.map(|entry| entry.unwrap().path()).collect();
@@ -225,10 +224,10 @@ fn packs() -> Vec<PathBuf> {
     packs
 }
 
-/// The tokens by which the file of a node is recognized.
+/// The tokens by which a file that defines a node is recognized.
 const NODE: [&str; 3] = ["impl", "Node", "for"];
 
-/// Lists the paths to items in a node's file that are written outside of the root file of its pack.
+/// Lists the paths to items of nodes' files that are written anywhere except in the root file of the pack.
 fn named_nodes(sources: &Sources) -> Vec<String> {
     let nodes = Vec::from_iter(sources.files_with(&NODE));
     let mut named = Vec::from_iter(sources.arrows_with_reexports());
@@ -241,7 +240,7 @@ fn named_nodes(sources: &Sources) -> Vec<String> {
         .collect()
 }
 
-/// Returns the dependencies between different groups of files; `room` maps a file to the name of its group.
+/// Returns the dependencies between different groups of files. `room` returns the name of the group of a file.
 fn arrows_between(
     arrows: impl Iterator<Item = Arrow>,
     room: impl Fn(&str) -> String,
@@ -252,7 +251,7 @@ fn arrows_between(
         .collect()
 }
 
-/// Returns the shortest cycle through each node that is on a cycle, and each cycle once.
+/// For each file that is part of a cycle, finds the shortest cycle through it. Returns each cycle once.
 fn circles(arrows: &[Arrow]) -> Vec<String> {
     let mut found = Vec::new();
     let mut told = BTreeSet::new();
@@ -282,7 +281,7 @@ fn circles(arrows: &[Arrow]) -> Vec<String> {
     found
 }
 
-/// Returns the workspace's folder.
+/// Returns the root folder of the workspace.
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }

@@ -1,4 +1,4 @@
-//! Requests that hosts send to a session: unsaved texts, inputs from memory and from files, and diagnostics as data.
+//! The ways in which host programs use a session: unsaved texts, inputs from memory and from files, and diagnostics as data.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ fn load(session: &Session, path: &Path, options: &Options) -> Graph {
     checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics))
 }
 
-/// A graph that uses `lib/feature.ron` on a scan of the front of a doll.
+/// A graph that uses `lib/feature.ron` to process a scan of the front of a doll.
 const USE: &str = r#"Graph(
     format: 1,
     use: { "Feature": "lib/feature.ron" },
@@ -62,7 +62,7 @@ fn a_graph_that_is_called_gives_what_its_use_gives_from_the_same_cache() {
         let [a, b] = [used.value(&format!("nose.{output}")), called.value(output)];
         assert_eq!(a.unwrap().hash(), b.unwrap().hash(), "{output}");
     }
-    // Only the inputs are computed again; all other results are cached.
+    // Only the inputs have been computed again. All other results were cached.
     assert_eq!(computed_nodes(&called.trace()), ["color", "range"]);
 }
 
@@ -75,7 +75,7 @@ fn files_become_inputs_and_outputs_become_files() {
         .map(|(name, file)| (name.to_owned(), doll.join(file)));
     let (inputs, doubts) = session.read_inputs(&feature, &files).unwrap();
     assert!(doubts.is_empty());
-    // The inputs equal those of a capture that a graph reads from the same files.
+    // The inputs must be equal to the outputs of the node `scan`, which reads the same files.
     let path = graphs().join("unsaved.ron");
     let used = load(&session, &path, &Options::default().with_text(&path, USE));
     let wanted = Targets::Named(vec!["scan".into()]);
@@ -149,7 +149,7 @@ fn texts_that_nobody_saved_stand_in_place_of_files() {
         let mesh = run.get::<Mesh>("big.ply").unwrap();
         assert_eq!(mesh.positions()[1].x, scale);
         let same = run.get::<Mesh>("big").unwrap();
-        // Both calls return a reference to the mesh in the session's memory, not a copy.
+        // Both calls return references to the same mesh in the memory of the session, not copies of it.
         assert!(std::ptr::eq(mesh.positions().as_ptr(), same.positions().as_ptr()));
         assert!(run.get::<Image>("big").unwrap_err().contains("`big` is a Mesh, not an Image"));
     }

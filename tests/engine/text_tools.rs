@@ -1,4 +1,4 @@
-//! Tools that change graph texts: they make the allowed changes and change nothing else.
+//! Tools that change the texts of graphs. They must make the requested changes and change nothing else.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -20,7 +20,7 @@ fn catalog() -> &'static Catalog {
     CATALOG.get_or_init(|| Catalog::new(maquette_nodes::PACKS))
 }
 
-/// Returns all graphs of the project, and those in `../shared/graphs` beside the project if this folder exists.
+/// Returns all graphs of the project. Also returns those in the folder `../shared/graphs` next to the project, if it exists.
 fn corpus() -> Vec<(PathBuf, String)> {
     let root = Path::new(ROOT);
     let own = ["graphs", "tests/third_party/graphs"].map(|folder| root.join(folder));
@@ -38,7 +38,7 @@ fn corpus() -> Vec<(PathBuf, String)> {
         .collect()
 }
 
-/// Returns the text with some bytes removed, duplicated, or replaced by fragments of graphs.
+/// Returns the text with random damage: some bytes are removed, duplicated, or replaced by fragments of graphs.
 fn spoil(text: &str, dice: &mut Random) -> String {
     const PIECES: [&str; 18] = [
         "(", ")", "[", "]", "{", "}", ",", ":", "\"", "\\", "// a\n", "/* b", "*/", "\r\n", "\n\n",
@@ -85,7 +85,8 @@ fn differences(old: &str, new: &str) -> Vec<String> {
     found.iter().map(ToString::to_string).collect()
 }
 
-/// Checks that printing reproduces the text, and that formatting is idempotent and keeps the meaning.
+/// Checks that printing a parsed text reproduces it. Also checks that formatting twice has the same effect as formatting once, and keeps
+/// the meaning.
 fn check_text(text: &str, what: &str) {
     assert_eq!(maquette::edit::reprint(text), text, "{what}");
     let Some(form) = format_text(text) else { return };
@@ -94,9 +95,9 @@ fn check_text(text: &str, what: &str) {
     assert_eq!(to_ron(text), to_ron(&form), "{what}");
 }
 
-/// Parses a text with the `ron` crate, the reference implementation of the grammar. The text is valid for our parser or was written by it.
+/// Parses a text with the `ron` crate, the reference implementation of the grammar. The text must be valid for our parser.
 fn to_ron(text: &str) -> Value {
-    // The `ron` crate requires a field name before the path of a used graph.
+    // Add a field name before the path of a used graph, which the `ron` crate requires.
     let mut pieces = text.split("Graph(");
     let mut text = pieces.next().unwrap_or_default().to_owned();
     for piece in pieces {
@@ -140,8 +141,8 @@ fn the_form_does_not_hang_on_how_lines_are_broken() {
     let mut dice = Random(7);
     for (path, text) in corpus() {
         let Some(form) = format_text(&text) else { continue };
-        // Skips graphs with line comments or blank lines. A line comment ends at the end of its line, and formatting keeps blank lines, so
-        // their line breaks cannot be replaced at random.
+        // Skip graphs with line comments or blank lines. Their line breaks cannot be replaced at random: a line comment ends at the line
+        // break, and formatting keeps blank lines.
         if text.contains("//") || text.contains("\n\n") {
             continue;
         }
@@ -161,8 +162,8 @@ fn the_form_does_not_hang_on_how_lines_are_broken() {
                     _ => mixed.push(c),
                 }
             }
-            // By chance, all line endings in `mixed` may be `\r
-            // `, or all may be `\r`. Formatting keeps such line endings, so they are replaced before the comparison.
+            // Replace all line endings before the comparison. By chance all of them in `mixed` may be CR LF, or all CR, which formatting
+            // keeps.
             let found = format_text(&mixed);
             let found = found.map(|form| form.replace("\r\n", "\n").replace('\r', "\n"));
             assert_eq!(found.as_ref(), Some(&form), "{}", path.display());
@@ -336,11 +337,11 @@ fn a_field_that_is_not_there_is_added_as_its_author_writes_fields() {
     );
 }
 
-/// Generates random valid edits: the target, the keys that lead to the target in the file, and the new value.
+/// Generates random valid edits. Each is the target, the keys that lead to it in the file, and the new value.
 fn edits() -> impl Strategy<Value = (&'static str, &'static [&'static str], String)> {
     let number = prop_oneof![(0..40i32).prop_map(|x| x.to_string()), "[0-3]?[0-9]\\.[0-9]{1,9}"];
     let color = "#[0-9a-f]{6}".prop_map(|color| format!("\"{color}\""));
-    // A file name with an escaped character, as the author of a graph may write it.
+    // A file name with an escape sequence for one character, as an author may write it.
     let file =
         "[a-z ä'(]{1,9}".prop_map(|name| format!("\"{}.png\"", name.replace('ä', "\\u{e4}")));
     prop_oneof![
@@ -558,6 +559,6 @@ fn the_form_of_a_text_keeps_the_ends_of_its_lines() {
     }
     assert_eq!(format_text(&windows(TEXT)), Some(windows(&form)));
     assert_eq!(format_text(&windows(&form)), Some(windows(&form)));
-    // If a text has different line endings, the formatted text has line feeds only.
+    // If a text has different kinds of line endings, the formatted text has only line feeds.
     assert_eq!(format_text(&TEXT.replacen('\n', "\r\n", 1)), Some(form));
 }

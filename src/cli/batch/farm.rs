@@ -1,4 +1,4 @@
-//! `maquette batch --emit`: job files for render farms and job schedulers.
+//! `maquette batch --emit`: writes job files for render farms and job schedulers.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -94,7 +94,7 @@ impl Batch {
         Exit::Done
     }
 
-    /// Returns the parameters of the graph that are set neither by this command nor by the sweep.
+    /// Returns the parameters of the graph that neither this command nor the sweep sets.
     fn job_parameters(&self, sweep: &Sweep, catalog: &Catalog) -> Vec<JobParameter> {
         let options = self.options.to_options();
         let checked = Graph::load(&sweep.graph, catalog, &options);
@@ -104,7 +104,7 @@ impl Batch {
         JobParameter::from_graph(&graph, &set, options.draft)
     }
 
-    /// Returns the arguments of this command, except those that select tasks.
+    /// Returns the arguments of this command without those that select tasks.
     fn arguments(&self) -> Vec<String> {
         let program = std::env::args().next().unwrap_or_else(|| "maquette".into());
         let mut words = vec![program, "batch".into(), in_project(&self.file)];
@@ -149,8 +149,8 @@ fn engine_name(engine: Engine) -> &'static str {
     }
 }
 
-/// Returns a path as job files contain it. A path inside the current folder becomes relative to the current folder, because the folder
-/// may be elsewhere on other machines. The path never begins with `-`.
+/// Returns a path in the form for job files. A path inside of the current folder becomes relative to it, because the folder may have
+/// another path on other machines. The result never begins with `-`, so it cannot be mistaken for an option.
 fn in_project(path: &Path) -> String {
     let folder = std::env::current_dir().unwrap_or_default();
     let inner = path_inside(path, &folder);
@@ -164,8 +164,8 @@ fn path_inside(path: &Path, folder: &Path) -> Option<PathBuf> {
         return None;
     }
     let whole = without_dots(&folder.join(path));
-    // The path is compared with the folder in two forms: as given, and with all symbolic links resolved. In a pattern such as `scans/*.obj`
-    // only the folders before the first star exist.
+    // Compare both forms of the path with the folder: as given, and with symbolic links resolved. In a pattern such as `scans/*.obj` only
+    // the folders before the first `*` exist.
     let real = folder_of_new(&whole).join(whole.file_name()?);
     let ways = [(&whole, folder.to_owned()), (&real, std::fs::canonicalize(folder).ok()?)];
     let inner = ways.iter().find_map(|(path, folder)| path.strip_prefix(folder).ok())?;

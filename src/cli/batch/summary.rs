@@ -1,4 +1,4 @@
-//! `maquette batch --dry-run` and `--report`: prints which tasks would run, and reports the records of tasks that have run.
+//! `maquette batch --dry-run` prints which tasks would run. `maquette batch --report` reports the records of tasks that have run.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use crate::tasks::{Batch as Tasks, Record, State, TaskStatus};
 use crate::{DisplayPath, Exit, eprint, format_count, print, print_json, put_problems};
 
 impl Batch {
-    /// Prints which tasks would run, and the reasons.
+    /// Prints which tasks would run, and why.
     pub(super) fn forecast(
         &self,
         tasks: &Tasks<'_>,
@@ -90,8 +90,8 @@ impl Batch {
         Exit::Done
     }
 
-    /// Writes the contact sheet of the existing records. Fails unless all tasks are done and the list of tasks equals the list at the
-    /// handover to the farm.
+    /// Writes the contact sheet from the existing records. Fails if a task is not done, or if the tasks differ from those that were handed
+    /// over to the farm.
     pub(super) fn report_records(
         &self,
         tasks: &Tasks<'_>,
@@ -162,7 +162,7 @@ impl Batch {
     }
 }
 
-/// Returns the swept values by name.
+/// Returns the swept values of a task as a JSON object, by name.
 fn values(names: &[String], task: &Task) -> Json {
     let values = names.iter().zip(&task.row.values);
     Json::Object(values.map(|(name, value)| (name.clone(), value.clone().into())).collect())

@@ -46,7 +46,7 @@ impl Extract {
         Exit::Done
     }
 
-    /// Extracts the nodes and writes both files, except in a dry run.
+    /// Extracts the nodes into a new graph. Writes both files, except in a dry run.
     fn apply(&self, file: &GraphFile<'_>, catalog: &Catalog) -> Result<ExtractedGraph, EditError> {
         if file.dry_run {
             return self.extract(file, catalog);
@@ -71,7 +71,7 @@ impl Extract {
     }
 }
 
-/// Writes both files. If one of them cannot be written, neither is changed.
+/// Writes the edited and the new file. If one of them cannot be written, neither is changed.
 fn write(file: &GraphFile<'_>, extracted: &ExtractedGraph) -> Result<(), EditError> {
     let ExtractedGraph { edited, path, text, .. } = extracted;
     file.check_same_text(&edited.before)?;

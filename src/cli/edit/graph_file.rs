@@ -1,4 +1,4 @@
-//! A graph file that a command edits: its edits are computed, checked and written.
+//! A graph file that a command edits: computes, checks and writes its edits.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -12,24 +12,24 @@ use maquette_value::fs;
 
 use crate::{DisplayPath, eprint, print, print_document, report};
 
-/// A graph file that a command edits.
+/// A graph file that a command edits, with the options of the command.
 #[derive(Clone, Copy)]
 pub(crate) struct GraphFile<'a> {
     pub(crate) graph: &'a Path,
     pub(crate) roots: &'a [PathBuf],
-    /// True if `set` changes the draft value of each `Draft(final: .., draft: ..)` instead of the final value.
+    /// True if `set` changes the draft value in each `Draft(final: .., draft: ..)`, and not the final value.
     pub(crate) draft: bool,
-    /// True if the edits are computed and checked, but not written.
+    /// True if the edits are computed and checked but not written.
     pub(crate) dry_run: bool,
 }
 
 impl GraphFile<'_> {
-    /// Applies edits like [`Self::apply`], but prints an error and returns `None` if they fail.
+    /// Applies edits. If that fails, prints the error and returns `None`.
     pub(crate) fn edit(&self, edits: &[Edit], catalog: &Catalog) -> Option<EditedText> {
         self.apply(edits, catalog).map_err(EditError::print).ok()
     }
 
-    /// Applies edits and writes the file, except in a dry run. A file lock makes edits of several processes run one after the other.
+    /// Applies edits and writes the file, except in a dry run. The file is locked, so that no edit of another process is overwritten.
     pub(crate) fn apply(&self, edits: &[Edit], catalog: &Catalog) -> Result<EditedText, EditError> {
         if self.dry_run {
             return self.compute(edits, catalog);
@@ -40,13 +40,13 @@ impl GraphFile<'_> {
         Ok(edited)
     }
 
-    /// Locks the file. Other processes cannot edit the file until the returned guard is dropped.
+    /// Locks the file. Other processes of this program cannot edit it until the returned guard is dropped.
     pub(crate) fn acquire_lock(&self) -> Result<FolderLock, EditError> {
         FolderLock::acquire(self.graph)
             .map_err(|error| EditError::Write(self.graph.to_owned(), error))
     }
 
-    /// Computes the text that results from some edits, without writing the text.
+    /// Computes the text after some edits without writing it.
     pub(crate) fn compute(
         &self,
         edits: &[Edit],
@@ -65,20 +65,20 @@ impl GraphFile<'_> {
         Options { roots, draft, files: Files::Ignored, ..Options::default() }
     }
 
-    /// Checks that the file still contains the text `before`. Otherwise writing would overwrite a change by someone else.
+    /// Checks that the file still contains the text `before`. Otherwise writing would overwrite the change of another program.
     pub(crate) fn check_same_text(&self, before: &str) -> Result<(), EditError> {
         let is_same = self.text()? == before;
         if is_same { Ok(()) } else { Err(EditError::Changed(self.graph.to_owned())) }
     }
 
-    /// Merges changes by others into `text`. `theirs` are their changes, each as the text before and the text after the change.
+    /// Merges the changes of other programs into `text`. `theirs` contains the text before and after each of their changes.
     pub(crate) fn merge(
         &self,
         text: String,
         theirs: Vec<[String; 2]>,
         catalog: &Catalog,
     ) -> Result<String, EditError> {
-        // Consecutive changes are joined, so that a change and its undo cancel out.
+        // Join consecutive changes, so that a change and its undo cancel each other.
         let mut changes: Vec<[String; 2]> = Vec::new();
         for [before, after] in theirs {
             match changes.last_mut() {
@@ -105,7 +105,7 @@ impl GraphFile<'_> {
         Ok(text)
     }
 
-    /// Prints the differences between the graphs before and after an edit. In a dry run, prints the changed lines instead.
+    /// Prints the differences between the graph before and after an edit. In a dry run, prints the changed lines of the file instead.
     pub(crate) fn print_changes(&self, edited: EditedText, catalog: &Catalog) {
         if self.dry_run {
             return print_document(&changed_lines(&edited.before, &edited.text));
@@ -118,7 +118,7 @@ impl GraphFile<'_> {
             &source(edited.text, self.graph),
             catalog,
         );
-        // Both texts have been parsed before, so parsing them again cannot fail.
+        // An error is impossible, because both texts have already been parsed.
         found.unwrap_or_default().iter().for_each(|found| print(&format!("{found}\n")));
     }
 
@@ -141,16 +141,15 @@ pub(crate) enum EditError {
     Write(PathBuf, std::io::Error),
     #[error("{} has been changed meanwhile; load it again", .0.for_display())]
     Changed(PathBuf),
-    /// Someone else changed the same items differently; the field contains the names of the items.
+    /// Another program changed the same items in another way. Contains the names of these items.
     #[error("another change also edited {}; the file was not changed", join_names(.0))]
     Conflict(Vec<String>),
-    /// The edits would leave errors in the graph; the field contains the errors.
+    /// The edits would leave errors in the graph. Contains these errors.
     #[error("{}", join_messages(.0))]
     Refused(Vec<Diagnostic>),
 }
 
 impl EditError {
-    /// Prints the error.
     pub(crate) fn print(self) {
         match self {
             Self::Refused(diagnostics) => report(&diagnostics),
@@ -172,7 +171,7 @@ fn join_messages(diagnostics: &[Diagnostic]) -> String {
     diagnostics.iter().map(|diagnostic| &diagnostic.message[..]).collect::<Vec<_>>().join("; ")
 }
 
-/// Returns the lines that differ between two texts, in the form of a unified diff without context.
+/// Returns the lines that differ between two texts, as a unified diff without context lines.
 pub(crate) fn changed_lines(old: &str, new: &str) -> String {
     let (old, new) = (old.lines().collect::<Vec<_>>(), new.lines().collect::<Vec<_>>());
     let start = old.iter().zip(&new).take_while(|(old, new)| old == new).count();
@@ -181,7 +180,7 @@ pub(crate) fn changed_lines(old: &str, new: &str) -> String {
     let (old, new) = (&old[start..old.len() - end], &new[start..new.len() - end]);
     let mut text = String::new();
     for hunk in find_hunks(old, new) {
-        /// Formats a range of lines as the header of a unified diff does; `start` is the number of lines before the list.
+        /// Formats a range of lines as in the header of a unified diff. `start` is the number of lines before the first line of the text.
         fn range(lines: &Range<usize>, start: usize) -> String {
             match lines.len() {
                 0 => format!("{},0", start + lines.start),
@@ -202,7 +201,7 @@ struct Hunk {
     new: Range<usize>,
 }
 
-/// Returns the ranges that differ between two lists of lines.
+/// Returns the ranges in which two lists of lines differ.
 fn find_hunks(old: &[&str], new: &[&str]) -> Vec<Hunk> {
     let (mut hunks, mut a, mut b) = (Vec::new(), 0, 0);
     while a < old.len() || b < new.len() {
@@ -210,7 +209,7 @@ fn find_hunks(old: &[&str], new: &[&str]) -> Vec<Hunk> {
             (a, b) = (a + 1, b + 1);
             continue;
         }
-        // Finds the nearest position after which both lists have an equal line again.
+        // Find the nearest position at which both lists have an equal line again.
         let ends = (old.len(), new.len());
         let rest = (old.len() - a) + (new.len() - b);
         let (to_a, to_b) = (1..=rest)

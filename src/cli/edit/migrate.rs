@@ -53,7 +53,7 @@ impl Migrate {
         if failed || self.check && count > 0 { Exit::Failed } else { Exit::Done }
     }
 
-    /// Migrates a file. Returns true if the file contains former names. An `Err` means that the error has already been printed.
+    /// Migrates a file. Returns true if the file contains former names. If the result is an error, it has already been printed.
     fn migrate(&self, path: &Path, catalog: &Catalog) -> Result<bool, ()> {
         fn print_error(what: &str, error: &std::io::Error, path: &Path) {
             eprint(&format!("error: cannot {what} {}: {error}\n", path.for_display()));
@@ -67,7 +67,7 @@ impl Migrate {
             }
             _ => {
                 let (tree, errors) = parse(&text);
-                // The text has syntax errors, for instance an unresolved merge, so it may not even be a graph.
+                // Report only the syntax errors. The file may be an unresolved merge, or not a graph at all.
                 if tree.is_broken() && !text.trim().is_empty() {
                     report(&syntax_diagnostics(path, &text, errors));
                     return Err(());

@@ -6,11 +6,11 @@ use maquette_engine::six_digits;
 use maquette_value::{Part, Parts, Range};
 use serde_json::{Value as Json, json};
 
-/// The maximum number of components per element for which each component has its own minimum, maximum and mean. A wider column has one
-/// range for all of its components.
+/// The maximum number of components per element whose minimum, maximum and mean are shown separately. A wider column has one range for all
+/// of its components.
 const MAX_SEPARATE: usize = 4;
 
-/// Formats the facts and a line for each column.
+/// Formats the facts of a value, and a line for each of its columns.
 pub(super) fn column_table(parts: &Parts<'_>) -> String {
     let mut text = String::new();
     for fact in &parts.facts {
@@ -59,8 +59,8 @@ fn row(part: &Part<'_>) -> [String; 8] {
     ]
 }
 
-/// Returns facts and columns as JSON. `least`, `greatest` and `mean` have one number for each component of an element, or null if no
-/// value of the component is finite.
+/// Returns the facts and the columns of a value as JSON. `least`, `greatest` and `mean` contain one number for each component of an
+/// element. It is null if no number of the component is finite.
 pub(super) fn columns_json(parts: &Parts<'_>) -> Json {
     let facts =
         parts.facts.iter().map(|fact| (fact.name.to_string(), json!(fact.value.to_string())));

@@ -1,14 +1,14 @@
-//! The elements of a value as rows of a table, with named columns.
+//! Represents the elements of a value, such as the faces of a mesh, as a table: one row per element, and named columns.
 
 use std::borrow::Cow;
 
 use maquette_value::{AnyValue, ElementKind, Meaning, Mesh, Part};
 use nalgebra::{Point3, center};
 
-/// The maximum number of components of a data column that is shown in the table. Each component becomes a table column.
+/// The maximum number of components of a data column that the table shows. Each component becomes a column of the table.
 const MAX_WIDTH: usize = 16;
 
-/// A column: one number for each element.
+/// A column of the table: one number for each element.
 pub(super) struct Numbers {
     pub(super) name: String,
     pub(super) numbers: Vec<f64>,
@@ -26,7 +26,7 @@ impl Elements {
     pub(super) fn from_value(value: &AnyValue, on: ElementKind) -> Option<Self> {
         let parts = value.parts();
         let mesh = value.get::<Mesh>();
-        // The edge columns of a mesh contain only creases; all edges come from the topology.
+        // Leave out the edge data of a mesh, which exists only for creases. The table lists all edges of the topology.
         let parts_of: Vec<_> = parts
             .columns
             .iter()
@@ -57,7 +57,7 @@ impl Elements {
         Some(elements)
     }
 
-    /// Adds a column, unless a column of this name exists already.
+    /// Adds a column, unless a column with this name exists.
     fn push(&mut self, name: impl Into<String>, numbers: Vec<f64>) {
         let name = name.into();
         if self.columns.iter().all(|column| column.name != name) {
@@ -74,7 +74,7 @@ impl Elements {
     }
 }
 
-/// The kinds of elements that a value has.
+/// Returns the kinds of elements that a value has.
 pub(super) fn kinds(value: &AnyValue) -> Vec<ElementKind> {
     let mut kinds = Vec::new();
     let of_parts: Vec<_> = value.parts().columns.iter().map(|part| part.element_kind).collect();
@@ -104,8 +104,8 @@ pub(super) fn plural(on: ElementKind) -> &'static str {
     }
 }
 
-/// Returns the names of the table columns for a data column: `x`, `y`, `z` for the first column of positions, `NAME_x` and so on for
-/// others.
+/// Returns the names of the table columns for a data column. The first column of positions becomes `x`, `y`, `z`; any other column becomes
+/// `NAME_x` and so on.
 fn column_names(part: &Part<'_>, is_first: bool) -> Vec<String> {
     let own = ["face ", "corner "].iter().find_map(|of| part.name.strip_prefix(of));
     let own = own.map_or_else(|| part.name.clone(), Cow::Borrowed);
@@ -123,7 +123,7 @@ fn column_names(part: &Part<'_>, is_first: bool) -> Vec<String> {
     suffixes.iter().map(|suffix| format!("{name}_{suffix}")).collect()
 }
 
-/// Returns the columns that are computed from the topology and the positions of a mesh.
+/// Returns the columns that are computed from the topology and positions of a mesh.
 fn derived_columns(mesh: &Mesh, on: ElementKind) -> Vec<Numbers> {
     match on {
         ElementKind::Face => face_columns(mesh),
@@ -144,7 +144,7 @@ fn position_columns(places: &[Point3<f64>]) -> [Numbers; 3] {
     })
 }
 
-/// Returns the columns of a face table: center, area in mm^2, unit normal and number of corners of each face.
+/// Returns the columns of the table of faces: center, area in mm^2, unit normal, and number of corners.
 fn face_columns(mesh: &Mesh) -> Vec<Numbers> {
     let mut columns = Vec::from(position_columns(
         &mesh
@@ -169,8 +169,7 @@ fn face_columns(mesh: &Mesh) -> Vec<Numbers> {
     columns
 }
 
-/// Returns the columns of an edge table: end vertices, midpoint, length in mm, number of adjacent faces and crease sharpness of each
-/// edge.
+/// Returns the columns of the table of edges: end vertices, midpoint, length in mm, number of adjacent faces, and crease sharpness.
 fn edge_columns(mesh: &Mesh) -> Vec<Numbers> {
     let edges = mesh.edges();
     fn position(vertex: u32, mesh: &Mesh) -> Point3<f64> {
@@ -199,7 +198,7 @@ fn edge_columns(mesh: &Mesh) -> Vec<Numbers> {
     columns
 }
 
-/// Returns the columns of a corner table: face, vertex and position of each corner.
+/// Returns the columns of the table of corners: face, vertex and position.
 fn corner_columns(mesh: &Mesh) -> Vec<Numbers> {
     let faces = mesh.faces().iter().enumerate();
     let face = faces.flat_map(|(index, face)| face.iter().map(move |_| index as f64));

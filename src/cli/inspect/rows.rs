@@ -35,7 +35,7 @@ pub(super) struct RowOptions {
 }
 
 impl RowOptions {
-    /// Returns true if an option for rows is given. Such an option requires `--table` with a kind of elements.
+    /// Returns true if an option about rows is given. Such an option needs `--table` with a kind of elements.
     pub(super) fn are_given(&self) -> bool {
         let Self { condition, sort, limit, columns, csv } = self;
         condition.is_some()
@@ -45,10 +45,10 @@ impl RowOptions {
             || csv.is_some()
     }
 
-    /// Returns the rows of the first value that has elements of the given kind, and the name of the output with this value.
+    /// Returns the table of the first value that has elements of the given kind, and the name of the output with this value.
     ///
     /// # Errors
-    /// A message if no value has elements of the kind, or a column is unknown.
+    /// A message if no value has elements of this kind, or if a column is unknown.
     pub(super) fn rows<'v>(
         &self,
         of: Option<&str>,
@@ -60,7 +60,7 @@ impl RowOptions {
             let (first, some) = (known.first().unwrap_or(&"faces"), known.join(", "));
             return Err(format!("expected a kind of elements: --table {first}; there are: {some}"));
         };
-        // `cells` is accepted as another name for the pixels of a grid.
+        // Accept `cells` as another name for the pixels of a grid.
         let word = if matches!(word, "cell" | "cells") { "pixels" } else { word };
         let on = all
             .iter()
@@ -76,12 +76,12 @@ impl RowOptions {
     }
 }
 
-/// Selected and sorted rows of a table.
+/// The selected and sorted rows of a table.
 pub(super) struct Rows {
     elements: Elements,
-    /// The indices of the printed columns.
+    /// The indices of the columns to print.
     columns: Vec<usize>,
-    /// The indices of the selected elements.
+    /// The indices of the selected elements, in the order of the rows.
     rows: Vec<usize>,
     limit: Option<usize>,
 }
@@ -127,7 +127,7 @@ impl Rows {
                 None => (&sort[..], false),
             };
             let numbers = &elements.columns[column_index(name, &names, what)?].numbers;
-            // NaN is sorted last in ascending and in descending order.
+            // Put NaN at the end, both in ascending and in descending order.
             rows.sort_by(|&a, &b| {
                 let [a, b] = [a, b].map(|row| numbers[row]);
                 let by_number = if is_falling { b.total_cmp(&a) } else { a.total_cmp(&b) };
@@ -141,20 +141,20 @@ impl Rows {
         self.columns.iter().map(|&column| &self.elements.columns[column])
     }
 
-    /// Returns the rows to print; `usual` is the row limit if the user gives none.
+    /// Returns the rows to print. `usual` is the maximum number of rows if the user gives no limit.
     fn visible_rows(&self, usual: usize) -> &[usize] {
         let limit = self.limit.unwrap_or(usual);
         let count = if limit == 0 { self.rows.len() } else { limit.min(self.rows.len()) };
         &self.rows[..count]
     }
 
-    /// Returns minimum, maximum and mean of a column over all selected rows.
+    /// Returns the minimum, maximum and mean of a column over all selected rows, including those that are not printed.
     fn range(&self, column: &Numbers) -> Option<Range> {
         let numbers: Vec<_> = self.rows.iter().map(|&row| column.numbers[row]).collect();
         ranges(&numbers, 1).remove(0)
     }
 
-    /// Formats a line for each printed row, then minimum, maximum and mean over all selected rows.
+    /// Formats a line for each row to print, followed by the minimum, maximum and mean over all selected rows.
     pub(super) fn table(&self) -> String {
         let shown = self.visible_rows(DEFAULT_LIMIT);
         let mut cells = vec![self.columns().map(|column| column.name.clone()).collect::<Vec<_>>()];
@@ -196,7 +196,7 @@ impl Rows {
         text
     }
 
-    /// Formats a header line and a line for each row, with all digits.
+    /// Formats the rows as CSV: a header line, and a line for each row. Numbers are written without loss.
     pub(super) fn csv(&self) -> String {
         let mut text = self.columns().map(|column| &column.name[..]).collect::<Vec<_>>().join(",");
         text.push('\n');

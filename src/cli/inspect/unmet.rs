@@ -1,4 +1,4 @@
-//! Formats the requirements that a value does not satisfy.
+//! Formats the required properties that a value does not have.
 
 use std::fmt::Write;
 
@@ -6,10 +6,10 @@ use maquette_graph::UnmetRequirement;
 
 use super::format_fact;
 
-/// The maximum number of listed elements of a requirement; `--json` lists all.
+/// The maximum number of violating elements that are listed for each property. The option `--json` lists all.
 const MAX_LISTED: usize = 20;
 
-/// Formats each unmet requirement, with the elements that violate it and their centers in mm.
+/// Formats each unmet requirement, with the violating elements and their centers in mm.
 pub(super) fn format_unmet(broken: &[UnmetRequirement]) -> String {
     let mut text = String::new();
     for broken in broken {

@@ -1,4 +1,4 @@
-//! Backends for file events: the operating system, or polling where the system reports none.
+//! Backends that report file events: the operating system, or polling on file systems without events.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::Metadata;
@@ -11,7 +11,7 @@ use notify::{EventKind, RecommendedWatcher, RecursiveMode, Watcher};
 
 use super::list::WatchList;
 
-/// An event after which the contents of files may have changed.
+/// An event that may mean that files have new contents.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Event {
     /// The contents of these files may have changed.
@@ -20,31 +20,30 @@ pub(crate) enum Event {
     Growing(Vec<PathBuf>),
     /// These files were written to and closed.
     Closed(Vec<PathBuf>),
-    /// These paths may have been created, replaced, renamed or deleted.
+    /// Files at these paths may have been created, replaced, renamed or deleted.
     Moved(Vec<PathBuf>),
-    /// The system dropped events, so any file may have changed.
+    /// The operating system has lost events, so any file may have changed.
     Lost,
 }
 
-/// Receives events on any thread.
+/// A function that receives events, on any thread.
 pub(crate) type Sink = Arc<dyn Fn(Event) + Send + Sync>;
 
 /// A source of events about watched files.
 pub(crate) trait Backend {
-    /// Replaces the list of watched paths. Returns the newly watched folders, because changes in them before this call were not
-    /// reported.
+    /// Replaces the list of watched paths. Returns the newly watched folders: changes in them before this call were not reported.
     ///
     /// # Errors
     /// A message if the backend cannot report events.
     fn watch(&mut self, list: &WatchList) -> Result<Vec<PathBuf>, String>;
 
-    /// Stops watching a folder that was moved or deleted, so that a new folder of the same name is watched again.
+    /// Stops watching a folder that was moved or deleted, so that a new folder with the same name can be watched.
     fn renew(&mut self, folder: &Path);
 }
 
-/// A backend that uses the events of the system: inotify, FSEvents, ReadDirectoryChangesW.
+/// A backend that uses the events of the operating system: inotify, FSEvents, or ReadDirectoryChangesW.
 ///
-/// The backend watches folders, not files: a watch on a file does not report a new file that replaces it under the same name.
+/// It watches folders instead of files, because a watch on a file does not notice when a new file replaces it.
 pub(crate) struct Native {
     watcher: RecommendedWatcher,
     folders: BTreeSet<PathBuf>,
@@ -55,7 +54,7 @@ impl Native {
         let handler = move |event: notify::Result<notify::Event>| match event {
             Ok(event) if event.need_rescan() => sink(Event::Lost),
             Ok(event) => match event.kind {
-                // Only Linux reports when a file is closed.
+                // Only Linux reports when a file is closed after writing.
                 EventKind::Modify(ModifyKind::Data(_)) if cfg!(target_os = "linux") => {
                     sink(Event::Growing(event.paths));
                 }
@@ -65,7 +64,7 @@ impl Native {
                 EventKind::Modify(ModifyKind::Data(_) | ModifyKind::Metadata(_)) => {
                     sink(Event::Touched(event.paths));
                 }
-                // The file was only read.
+                // Ignore the event: the file was only read.
                 EventKind::Access(_) => {}
                 _ => sink(Event::Moved(event.paths)),
             },
@@ -77,7 +76,7 @@ impl Native {
     }
 }
 
-/// The error code EMFILE on Linux: the processes of the user have the maximum number of inotify instances.
+/// The error code EMFILE on Linux: the user has too many inotify instances.
 const EMFILE: Option<i32> = Some(24);
 
 fn describe_error(error: &notify::Error) -> String {
@@ -96,7 +95,7 @@ impl Backend for Native {
     fn watch(&mut self, list: &WatchList) -> Result<Vec<PathBuf>, String> {
         let removed: Vec<PathBuf> = self.folders.difference(list.folders()).cloned().collect();
         for folder in removed {
-            // `unwatch` fails for a deleted folder, which needs no watch.
+            // Ignore an error: a deleted folder cannot be unwatched, and need not be.
             let _ = self.watcher.unwatch(&folder);
             self.folders.remove(&folder);
         }
@@ -110,7 +109,7 @@ impl Backend for Native {
                     self.folders.insert(folder.clone());
                     new.push(folder.clone());
                 }
-                // The folder was deleted after the list was made. The watch on its parent folder reports the deletion.
+                // Ignore the error: the folder was deleted after the list was made. The watch on its parent folder reports that.
                 Err(_) if !folder.is_dir() => {}
                 Err(error) => return Err(describe_error(&error)),
             }
@@ -125,26 +124,26 @@ impl Backend for Native {
     }
 }
 
-/// The polling interval. A shorter interval would load slow networks; users would notice a longer one.
+/// The polling interval. Shorter intervals would load slow networks, and longer ones would be noticed by users.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
-/// The minimum age of a file whose modification time is reliable. FAT stores times with a resolution of two seconds, so a younger file
-/// may change again without a new time.
+/// The minimum age at which the modification time of a file is reliable. The file system FAT stores times in steps of two seconds. So a
+/// younger file may change again without a new time.
 const MIN_AGE: Duration = Duration::from_secs(2);
 
-/// A backend that polls the watched files twice a second, for file systems without events.
+/// A backend that polls the watched files twice a second. For file systems without events.
 pub(crate) struct Polling {
     metadata: Arc<Mutex<BTreeMap<PathBuf, FileMetadata>>>,
 }
 
-/// The metadata of a file. If the metadata is unchanged and not too recent, the content is unchanged, too.
+/// The metadata of a file. If it has not changed and the file is not too young, the content has not changed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct FileMetadata {
     length: u64,
     modified: Option<SystemTime>,
     /// The inode and change time of the file, on systems that have them.
     identity: Option<(u64, i64, i64)>,
-    /// True if the file was modified so recently that another change may leave the modification time unchanged.
+    /// True if the file was modified so recently that a later change may have the same modification time.
     is_young: bool,
 }
 
@@ -214,11 +213,11 @@ impl Backend for Polling {
     fn renew(&mut self, _: &Path) {}
 }
 
-/// Returns true if other machines, or the host of a virtual machine, can change files in this folder without an event on this machine.
+/// Returns true if other machines, or the host of a virtual machine, can change files in this folder without causing an event here.
 #[cfg(target_os = "linux")]
 pub(crate) fn is_remote(folder: &Path) -> bool {
-    /// File system types from linux/magic.h and the headers of the file systems: NFS, SMB (three generations), Ceph, AFS, Coda, 9P (in WSL
-    /// and virtual machines), FUSE (sshfs and others), VirtualBox.
+    /// The types of file systems in which this is possible, from linux/magic.h and the headers of the file systems: NFS, SMB (three
+    /// generations), Ceph, AFS, Coda, 9P (in WSL and virtual machines), FUSE (sshfs and others), VirtualBox.
     const REMOTE: [u32; 10] = [
         0x6969,
         0x517b,
@@ -234,7 +233,7 @@ pub(crate) fn is_remote(folder: &Path) -> bool {
     rustix::fs::statfs(folder).is_ok_and(|system| REMOTE.contains(&(system.f_type as u32)))
 }
 
-/// Returns false: this system does not report the type of a file system.
+/// Returns false, because this system does not report the type of a file system.
 #[cfg(not(target_os = "linux"))]
 pub(crate) fn is_remote(_: &Path) -> bool {
     false

@@ -1,28 +1,28 @@
-//! Decides when a batch of file changes is complete. This module uses no clock and reads no files.
+//! Decides when a group of file changes is complete, so that the graph can be evaluated. This module uses no clock and reads no files.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// The time without further changes after which the change of a single file is complete. The steps of one save in an editor (write,
-/// rename, set the time) take up to 2 ms. A longer time would delay every evaluation; after a shorter one, a half-finished save could be
+/// The time without further changes after which the change of a single file is complete. The steps of one save in an editor (write, rename,
+/// set the time) take up to 2 ms. With a longer time every evaluation would be delayed. With a shorter one, half of a save could be
 /// evaluated.
 const MIN_QUIET: Duration = Duration::from_millis(10);
 
-/// The time without further changes after which the change of several files is complete. A copy or a checkout proceeds to the next file
-/// within a few milliseconds.
+/// The time without further changes after which the change of several files is complete. Copying or checking out files takes at most a few
+/// milliseconds from one file to the next.
 const MIN_QUIET_AFTER_SEVERAL: Duration = Duration::from_millis(30);
 
-/// The maximum wait after the first change. It prevents continuous saves from delaying the evaluation forever. An empty or missing
-/// file, which may be in the middle of a save, is waited for as long, too.
+/// The maximum wait after the first change, so that continuous saves do not delay the evaluation forever. A file that is empty or missing
+/// may be in the middle of a save, and is waited for as long.
 const MAX_WAIT: Duration = Duration::from_millis(150);
 
-/// The state of a file while it may be written.
+/// The state of a file, which shows if a save may still be in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FileState {
-    /// The file has content.
+    /// The file has content, so it is assumed to be complete.
     Complete,
-    /// The file is empty or missing.
+    /// The file is empty or missing, so a save may be in progress.
     Unfinished,
 }
 
@@ -32,7 +32,7 @@ impl FileState {
     }
 }
 
-/// Changes that are evaluated together.
+/// A group of changes that are evaluated together.
 #[derive(Debug, Default)]
 pub(crate) struct Batch {
     files: BTreeSet<PathBuf>,
@@ -42,7 +42,7 @@ pub(crate) struct Batch {
 }
 
 impl Batch {
-    /// Records that the content of a file has changed.
+    /// Records that a file has new content.
     pub(crate) fn record_change(&mut self, file: &Path, shape: FileState, now: Instant) {
         self.files.insert(file.to_owned());
         match shape {
@@ -53,7 +53,7 @@ impl Batch {
         self.times = Some((first, now));
     }
 
-    /// Returns the time at which the changes must be evaluated, or `None` if nothing has changed.
+    /// Returns the time at which the changes are to be evaluated, or `None` if nothing has changed.
     pub(crate) fn due(&self) -> Option<Instant> {
         let (first, last) = self.times?;
         let deadline = first + MAX_WAIT;
@@ -64,7 +64,7 @@ impl Batch {
         Some(deadline.min(last + quiet))
     }
 
-    /// Takes the changed files if their evaluation is due, and begins the next batch.
+    /// Returns the changed files if it is time to evaluate them, and begins the next group.
     pub(crate) fn take(&mut self, now: Instant) -> Option<BTreeSet<PathBuf>> {
         if self.due()? > now {
             return None;
@@ -77,7 +77,7 @@ impl Batch {
 mod tests {
     use super::*;
 
-    /// Checks when the evaluation is due. Changes are (milliseconds, file); a file ending in `-` is unfinished.
+    /// Checks when the evaluation is due. Each change is a time in milliseconds and a file. A file whose name ends with `-` is unfinished.
     fn check(changes: &[(u64, &str)], due: u64) {
         let start = Instant::now();
         let mut batch = Batch::default();

@@ -1,4 +1,4 @@
-//! The contents of watched files, which show whether a file event is a real change.
+//! Remembers the contents of watched files, to find out which file events are real changes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 
 use super::batch::FileState;
 
-/// The state of a file.
+/// The content of a file, or the reason why there is none.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Content {
     Missing,
     Empty,
-    /// The path exists but cannot be read as a file.
+    /// The path exists, but cannot be read as a file.
     Unreadable(ErrorKind),
     Bytes(blake3::Hash),
 }
@@ -26,7 +26,7 @@ impl Content {
     }
 
     fn read(path: &Path) -> std::io::Result<Self> {
-        // Opening a pipe would block until it has a writer.
+        // Do not open a pipe, because that would block until a program writes to it.
         if !std::fs::metadata(path)?.is_file() {
             return Ok(Self::Unreadable(ErrorKind::InvalidInput));
         }
@@ -43,7 +43,7 @@ impl Content {
     }
 }
 
-/// The contents of all watched files: the current ones, and those at the last evaluation.
+/// The contents of all watched files: the present ones, and those at the last evaluation.
 #[derive(Debug, Default)]
 pub(crate) struct Contents {
     now: BTreeMap<PathBuf, Content>,
@@ -51,7 +51,7 @@ pub(crate) struct Contents {
 }
 
 impl Contents {
-    /// Reads the newly watched files and forgets the files that are no longer watched.
+    /// Reads the newly watched files, and forgets files that are not watched any more.
     pub(crate) fn keep<'a>(&mut self, watched: impl Iterator<Item = &'a Path>) {
         let watched: BTreeSet<&Path> = watched.collect();
         self.now.retain(|path, _| watched.contains(path.as_path()));
@@ -65,7 +65,7 @@ impl Contents {
         }
     }
 
-    /// Reads a file again. Returns its new state if the content has changed, otherwise `None`.
+    /// Reads a file again. Returns its state if its content has changed, otherwise `None`.
     pub(crate) fn refresh(&mut self, path: &Path) -> Option<FileState> {
         let before = self.now.get_mut(path)?;
         let content = Content::load(path);
@@ -75,7 +75,7 @@ impl Contents {
         changed.then_some(shape)
     }
 
-    /// Returns the files whose content has changed since the last evaluation, and records the current contents as evaluated.
+    /// Returns those of the given files whose content has changed since the last evaluation. Records their contents as evaluated.
     pub(crate) fn take_changed(&mut self, paths: BTreeSet<PathBuf>) -> Vec<PathBuf> {
         let mut changed = Vec::new();
         for path in paths {

@@ -1,10 +1,10 @@
-//! The paths that a graph depends on.
+//! The list of paths to watch: those on which a graph depends.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::ffi::OsString;
 use std::path::{Component, Path, PathBuf};
 
-/// A request to watch a file, with the reason.
+/// A file to be watched, with the reason for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct WatchRequest {
     pub(crate) path: PathBuf,
@@ -18,8 +18,8 @@ pub(crate) struct WatchedFile {
     pub(crate) path: PathBuf,
     /// The reason for watching the file.
     pub(crate) reason: String,
-    /// The directory entries that determine which file the path leads to: the file itself, and every symbolic link and project folder
-    /// on the path. The list ends at the first missing entry.
+    /// The directory entries that determine which file the path leads to. These are the file itself, and each symbolic link and project
+    /// folder on the path. The list ends at the first entry that does not exist.
     pub(crate) entries: Vec<PathBuf>,
 }
 
@@ -27,14 +27,14 @@ pub(crate) struct WatchedFile {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct WatchList {
     files: Vec<WatchedFile>,
-    /// Maps each directory entry to the indices of the files that depend on the entry.
+    /// For each directory entry, the indices of the files that depend on it.
     by_entry: BTreeMap<PathBuf, Vec<usize>>,
     folders: BTreeSet<PathBuf>,
 }
 
 impl WatchList {
-    /// Creates the list for the current state of the file system. Folders inside `project` are watched, too, because they may be
-    /// renamed or replaced.
+    /// Creates the list for the present state of the file system. Folders inside of `project` are watched, too, because they may be renamed
+    /// or replaced.
     pub(crate) fn new(requests: &[WatchRequest], project: &Path) -> Self {
         let mut list = Self::default();
         let mut indices: BTreeMap<PathBuf, usize> = BTreeMap::new();
@@ -52,7 +52,7 @@ impl WatchList {
             let entries = entries(&path, project);
             for entry in entries.iter().chain([&path]) {
                 let files = list.by_entry.entry(entry.clone()).or_default();
-                // An entry may occur twice on one path. Then the index is already the last in the list.
+                // Add an index only once, even if the entry occurs twice on one path.
                 if files.last() != Some(&index) {
                     files.push(index);
                 }
@@ -68,7 +68,7 @@ impl WatchList {
         &self.files
     }
 
-    /// Returns the folders to watch. All exist.
+    /// Returns the folders to watch. All of them exist.
     pub(crate) fn folders(&self) -> &BTreeSet<PathBuf> {
         &self.folders
     }
@@ -87,7 +87,7 @@ impl WatchList {
     }
 }
 
-/// The maximum number of symbolic links on a path, as in Linux. A path with more links is treated as a cycle.
+/// The maximum number of symbolic links on a path, as in Linux. With more links, the path is assumed to be a cycle.
 const MAX_LINKS: usize = 40;
 
 fn entries(path: &Path, project: &Path) -> Vec<PathBuf> {
@@ -145,7 +145,7 @@ fn parts(path: &Path) -> impl Iterator<Item = OsString> {
 mod tests {
     use super::*;
 
-    /// Checks the directory entries that determine the file at `path`, in a project that contains a folder `a` with a file `file`.
+    /// Checks which directory entries determine the file at `path`. The project contains a folder `a` with a file `file`.
     fn check(prepare: fn(&Path), path: &str, expected: &[&str]) {
         let folder = tempfile::tempdir().unwrap();
         let project = std::fs::canonicalize(folder.path()).unwrap();

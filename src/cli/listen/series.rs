@@ -1,51 +1,51 @@
-//! Decides when outputs are written after a series of changes. This module uses no clock and reads no files.
+//! Decides when outputs are written during a series of changes. This module uses no clock and reads no files.
 //!
-//! The evaluation starts as soon as a change is complete ([`Batch`](super::Batch)), and a later change cancels it. Outputs are written,
-//! and the user's command is started, only when no file has changed for a while.
+//! An evaluation starts as soon as a change is complete ([`Batch`](super::Batch)), and a later change cancels it. Outputs are written, and
+//! the user's command is started, only after some time without changes.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// The time without changes before outputs are written. Editors need up to 200 ms to save all files, and outputs should be written
-/// within 250 ms of a save.
+/// The time without changes before outputs are written. Editors may need up to 200 ms to save all files. Outputs should be written within
+/// 250 ms of a save.
 const OUTPUT_DELAY: Duration = Duration::from_millis(230);
 
-/// The time without changes before outputs are written if files are polled. It is longer, because polling notices a change up to one
-/// polling interval late.
+/// The time without changes before outputs are written, if files are polled. It is longer, because a change is noticed up to one polling
+/// interval late.
 const POLLED_OUTPUT_DELAY: Duration = Duration::from_millis(650);
 
-/// The wait before the user's command, in addition to the wait before outputs. The command may take minutes, so it should not start too
-/// early.
+/// The wait before the user's command starts, in addition to the wait before outputs. The command may take minutes, so it must not start
+/// between two changes.
 const COMMAND_DELAY: Duration = Duration::from_millis(120);
 
-/// The maximum wait of outputs after the first change. It prevents continuous saves from delaying outputs forever.
+/// The maximum wait after the first change, so that continuous saves do not delay outputs forever.
 const MAX_WAIT: Duration = Duration::from_secs(3);
 
-/// The time without writes after which a file is read although it is still open. Some programs never close their files.
+/// The time without writes after which a file is read even if it is still open. Some programs never close their files.
 const OPEN_FILE_DELAY: Duration = Duration::from_secs(2);
 
-/// The maximum time for which a file that is still being written remains unread.
+/// The maximum time for which a file is not read because it is still being written.
 const MAX_GROWTH: Duration = Duration::from_secs(60);
 
-/// Changes since outputs were last written.
+/// The changes since outputs were last written.
 #[derive(Debug, Default)]
 pub(crate) struct Series {
     /// The times of the first and the last change of the series.
     times: Option<(Instant, Instant)>,
-    /// Files that are still open for writing, with the times of the first and the last write.
+    /// The files that are open for writing, with the times of their first and last write.
     open: BTreeMap<PathBuf, (Instant, Instant)>,
     pub(crate) is_polled: bool,
 }
 
 impl Series {
-    /// Records that the content of a file has changed.
+    /// Records that a file has new content.
     pub(crate) fn record_change(&mut self, now: Instant) {
         let first = self.times.map_or(now, |(first, _)| first);
         self.times = Some((first, now));
     }
 
-    /// Records a write to a file that is still open.
+    /// Records a write to a file that is still open for writing.
     pub(crate) fn record_growth(&mut self, file: &Path, now: Instant) {
         let (_, last) = self.open.entry(file.to_owned()).or_insert((now, now));
         *last = now;
@@ -56,17 +56,17 @@ impl Series {
         self.open.contains_key(file)
     }
 
-    /// Records that a file is no longer open, because it was closed or deleted.
+    /// Records that a file was closed or deleted.
     pub(crate) fn record_close(&mut self, file: &Path) {
         self.open.remove(file);
     }
 
-    /// Returns the earliest time at which a file that is still open must be read.
+    /// Returns the earliest time at which an open file must be read.
     pub(crate) fn growth_due(&self) -> Option<Instant> {
         self.open.values().map(|&growth| end_of(growth)).min()
     }
 
-    /// Takes the files that must be read now although they are still open.
+    /// Returns the files that must be read now although they are still open, and removes them from the list of open files.
     pub(crate) fn take_grown(&mut self, now: Instant) -> Vec<PathBuf> {
         self.open
             .extract_if(.., |_, growth: &mut (Instant, Instant)| end_of(*growth) <= now)
@@ -74,7 +74,7 @@ impl Series {
             .collect()
     }
 
-    /// Returns the time at which outputs may be written, or `None` if they may be written now.
+    /// Returns the time from which outputs may be written. `None` means that they may be written now.
     pub(crate) fn outputs_due(&self) -> Option<Instant> {
         let (first, last) = self.times?;
         let rest = if self.is_polled { POLLED_OUTPUT_DELAY } else { OUTPUT_DELAY };
@@ -87,13 +87,13 @@ impl Series {
         Some(self.outputs_due()? + COMMAND_DELAY)
     }
 
-    /// Ends the series after outputs were written.
+    /// Ends the series, after outputs were written.
     pub(crate) fn end(&mut self) {
         self.times = None;
     }
 }
 
-/// Returns the time at which a file that is still open must be read. `first` and `last` are the times of the first and the last write.
+/// Returns the time at which an open file must be read, given the times of its first and last write.
 fn end_of((first, last): (Instant, Instant)) -> Instant {
     (last + OPEN_FILE_DELAY).min(first + MAX_GROWTH)
 }
@@ -106,7 +106,7 @@ mod tests {
         start + Duration::from_millis(milliseconds)
     }
 
-    /// Checks that outputs may be written at `due` after changes at the times `changes`, in milliseconds.
+    /// Checks that outputs may be written from the time `due` on. `changes` are the times of changes. All times are in milliseconds.
     fn check(changes: &[u64], due: u64) {
         let start = Instant::now();
         let mut series = Series::default();

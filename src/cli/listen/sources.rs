@@ -1,4 +1,4 @@
-//! The sources of file events: the system, polling, or both.
+//! The sources of file events: the operating system, polling, or both.
 
 use std::path::{Path, PathBuf};
 
@@ -15,12 +15,12 @@ pub(crate) struct Sources {
 }
 
 impl Sources {
-    /// Creates sources that watch nothing.
+    /// Creates sources that watch no files.
     pub(crate) fn empty() -> Self {
         Self { list: WatchList::default(), backends: Vec::new(), sink: None, polled: None }
     }
 
-    /// Creates sources with the events of the system, or only with polling if `poll` is true.
+    /// Creates sources that use the events of the operating system, or only polling if `poll` is true.
     pub(crate) fn new(sink: Sink, poll: bool) -> Self {
         let mut sources = Self { sink: Some(sink.clone()), ..Self::empty() };
         if poll {
@@ -34,7 +34,7 @@ impl Sources {
         sources
     }
 
-    /// Adds polling; `why` is the reason, shown to the user.
+    /// Starts to poll the files. `why` is the reason, which is shown to the user.
     fn poll(&mut self, why: &str) {
         if let (Some(sink), None) = (&self.sink, &self.polled) {
             self.backends.push(Box::new(Polling::new(sink.clone())));
@@ -42,13 +42,13 @@ impl Sources {
         }
     }
 
-    /// Returns the reason why files are polled, or `None` if the events of the system suffice.
+    /// Returns the reason why files are polled, or `None` if they are not.
     pub(crate) fn polling_reason(&self) -> Option<&str> {
         self.polled.as_deref()
     }
 
-    /// Watches the paths in the list that `make` returns. Returns the files that may have changed before the watch began. `make` is
-    /// called again until the list has no new folder, because a folder may appear before the watch on its parent begins.
+    /// Watches the paths in the list that `make` returns. Returns the files that may have changed before they were watched. `make` is
+    /// called until its list contains no new folders, because a folder may appear before its parent is watched.
     pub(crate) fn update(&mut self, make: impl Fn() -> WatchList) -> Vec<PathBuf> {
         let mut unseen = Vec::new();
         loop {
@@ -73,7 +73,7 @@ impl Sources {
         self.list.files().iter().map(|file| file.path.as_path())
     }
 
-    /// Passes the list to all backends. Returns the folders that a backend did not watch before. Polling replaces a backend that fails.
+    /// Gives the list to all backends. Returns the folders that are watched for the first time. If a backend fails, polling replaces it.
     fn watch(&mut self) -> Vec<PathBuf> {
         let (mut new, mut failed) = (Vec::new(), None);
         self.backends.retain_mut(|backend| match backend.watch(&self.list) {
@@ -93,7 +93,7 @@ impl Sources {
         new
     }
 
-    /// Returns the files that an event may affect.
+    /// Returns the watched files that an event may concern.
     pub(crate) fn affected_files(&mut self, event: &Event) -> Vec<PathBuf> {
         let paths = match event {
             Event::Lost => return self.paths().map(Path::to_owned).collect(),

@@ -1,4 +1,4 @@
-//! The scans that a recipe requires, and the found scans that meet the requirements.
+//! The scans that a recipe needs, and which of the found scans it can use.
 
 use std::path::Path;
 
@@ -11,23 +11,23 @@ use maquette_value::{Image, Value as _};
 
 use super::scans::{KINDS, Scan, in_words};
 
-/// The scans that a recipe requires. Its first node that reads scans determines them.
+/// The scans that a recipe needs: those that its first node with a scan file reads.
 #[derive(Clone)]
 pub(super) struct ScanRequirements {
-    /// The name of the node that reads the scans: `scan`.
+    /// The name of the node that reads the scans, such as `scan`.
     node: String,
-    /// True if the node is a `ForEach` over several scans.
+    /// True if the node is a `ForEach` over several scans, false if it reads one scan.
     pub(super) is_list: bool,
     /// The name of the field for the scan file, and the value type of the scan.
     scan: (String, String),
     /// The name of the field for the picture, if the node has one.
     picture: Option<String>,
-    /// Two flags: true if the node has a field `unit`, and true if it has a field `axes`.
+    /// Two flags: if the node has a field `unit`, and if it has a field `axes`.
     has_unit_and_axes: [bool; 2],
 }
 
 impl ScanRequirements {
-    /// Returns the requirements of the first node that reads a scan, `None` if there is none.
+    /// Returns the scans that a recipe needs, or `None` if none of its nodes reads a scan.
     pub(super) fn for_recipe(recipe: &Recipe, catalog: &Catalog) -> Option<Self> {
         let (tree, _) = parse(recipe.text);
         let nodes = match field(&tree, "nodes").map(|nodes| &nodes.kind) {
@@ -65,7 +65,7 @@ impl ScanRequirements {
         Some(Self { node: name.to_owned(), is_list: many, scan, picture, has_unit_and_axes: has })
     }
 
-    /// Returns the scans that the node can read.
+    /// Returns the scans that the recipe can use.
     pub(super) fn usable_scans<'s>(&self, scans: &'s [Scan]) -> Vec<&'s Scan> {
         let most = if self.is_list { usize::MAX } else { 1 };
         scans
@@ -88,7 +88,8 @@ impl ScanRequirements {
         format!("{count}{what}{}", if picture { " with a picture" } else { "" })
     }
 
-    /// Returns the fields of the recipe that read the scans, as pairs of name and value. Paths are relative to the folder of the graph.
+    /// Returns the fields of the recipe that name the scan files, as pairs of name and value. Paths are relative to `base`, the folder of
+    /// the graph.
     pub(super) fn values(&self, scans: &[Scan], base: &Path) -> Vec<(String, String)> {
         let used = self.usable_scans(scans);
         if self.is_list {
@@ -110,7 +111,7 @@ impl ScanRequirements {
             .collect()
     }
 
-    /// Returns the fields that read one scan, as pairs of name and value.
+    /// Returns the fields that name the files of one scan, as pairs of name and value.
     fn scan_fields(&self, scan: &Scan, base: &Path) -> Vec<(String, String)> {
         fn path(file: &Path, base: &Path) -> String {
             let file = std::fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
@@ -126,7 +127,7 @@ impl ScanRequirements {
     }
 }
 
-/// Returns the value of the field `name`.
+/// Returns the value of the field `name` of a call, if the call has it.
 fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Tree> {
     Some(&tree.fields()?.iter().find(|field| field.name.text == name)?.value)
 }

@@ -1,4 +1,4 @@
-//! Finds the scans in a folder, and the picture that belongs to each scan.
+//! Finds the scans in a folder, and the picture that belongs to each of them.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -15,7 +15,7 @@ use crate::format_count;
 /// The value types of scans, in the order in which they are tried for a file.
 pub(super) const KINDS: [&str; 3] = [RangeImage::NAME, Mesh::NAME, Points::NAME];
 
-/// The maximum number of examined files in a folder.
+/// The maximum number of files in a folder that are examined.
 const MAX_FILES: usize = 1000;
 
 /// A scan file and its properties.
@@ -25,27 +25,27 @@ pub(super) struct Scan {
     pub(super) kind: &'static str,
     /// The picture that belongs to the scan.
     pub(super) picture: Option<PathBuf>,
-    /// True if the camera of the scan is known. If a camera file beside the scan belongs to another grid, the camera is unknown.
+    /// True if the camera of the scan is known. It is unknown if the camera file next to the scan belongs to another grid.
     has_camera: bool,
-    /// True if the coordinates are in meters. The file format determines this, or the scan would be too small in millimeters.
+    /// True if the coordinates are in meters. That is known from the file format, or assumed if the scan would be too small in millimeters.
     pub(super) in_meters: bool,
-    /// True if all points have z <= 0, as in files whose y axis points up.
+    /// True if all points have z <= 0, as in range images whose y axis points up.
     pub(super) y_up: bool,
 }
 
 /// The scans and other files of a folder.
 pub(super) struct Scans {
     pub(super) folder: PathBuf,
-    /// The scans of one object, sorted by name: files whose names differ only in numbers.
+    /// The scans of one object, sorted by name. These are files whose names differ only in their numbers.
     pub(super) all: Vec<Scan>,
-    /// Other readable files with their value types.
+    /// Other files that can be read, with their value types.
     others: Vec<(PathBuf, &'static str)>,
-    /// Messages for files that have the extension of a scan or a picture but cannot be read.
+    /// Messages about files that cannot be read although they have the extension of a scan or a picture.
     pub(super) unread: Vec<String>,
 }
 
 impl Scans {
-    /// Finds the scans in a folder and its subfolders, or in one file.
+    /// Finds the scans in a folder and its subfolders. `path` can also be a single scan file.
     ///
     /// # Errors
     /// A message if the path cannot be read.
@@ -80,7 +80,8 @@ impl Scans {
             groups.entry((rank, scan.picture.is_none(), name)).or_default().push(scan);
         }
         let mut groups = Vec::from_iter(groups);
-        // Sorts within a value type: scans with pictures first, then scans with a camera, then the most captures, then the largest file.
+        // Sort groups of one value type: first those with pictures, then those with a camera, then by the number of scans and the size of
+        // the file.
         groups.sort_by_key(|((rank, is_plain, _), scans)| {
             let bytes = scans.first().and_then(|scan| fs::metadata(&scan.file).ok());
             let bytes = bytes.map_or(0, |metadata| metadata.len());
@@ -98,7 +99,7 @@ impl Scans {
         Ok(Self { folder, all, others, unread })
     }
 
-    /// Returns the message for a folder without scans that a recipe can use.
+    /// Returns the message that a folder contains no scans that a recipe can use.
     pub(super) fn no_scan_message(&self) -> String {
         let folder = match self.folder.as_os_str().is_empty() {
             true => ".".into(),
@@ -115,7 +116,7 @@ impl Scans {
         [nothing].iter().chain(&self.unread).map(String::as_str).collect::<Vec<_>>().join("\n")
     }
 
-    /// Describes the number and type of the scans for a message.
+    /// Describes the number and the type of the scans, for a message.
     pub(super) fn kind_in_words(&self) -> String {
         match self.all.first() {
             None => "no scan".to_owned(),
@@ -127,7 +128,7 @@ impl Scans {
         }
     }
 
-    /// Returns the readable files that are not in `used`, with the type of each value as messages name it.
+    /// Returns the files that can be read but are not in `used`. Each has the name of its value type for messages.
     pub(super) fn unused_files(&self, used: &[&Scan]) -> Vec<(String, &'static str)> {
         let left = self.all.iter().filter(|scan| used.iter().all(|it| it.file != scan.file));
         let left = left.map(|scan| (&scan.file, scan.kind));
@@ -147,7 +148,7 @@ pub(super) fn in_words(kind: &str, count: usize) -> &'static str {
     }
 }
 
-/// Collects the files of a folder and its subfolders down to `depth`, sorted by name, without hidden ones.
+/// Collects the files of a folder and its subfolders down to the depth `depth`. They are sorted by name; hidden files are left out.
 fn collect_files(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) {
     let place = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let Ok(entries) = fs::read_dir(place) else { return };
@@ -163,7 +164,7 @@ fn collect_files(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) {
     }
 }
 
-/// Returns a sort key that compares numbers in names as numbers: 2 before 10.
+/// Returns a key that sorts numbers in names by their value, so that 2 comes before 10.
 fn natural_sort_key(name: &str) -> String {
     fn is_digit(c: char) -> bool {
         c.is_ascii_digit()
@@ -182,16 +183,16 @@ fn natural_sort_key(name: &str) -> String {
 
 /// The content of a file: a scan or a picture.
 enum FileContent {
-    /// A scan; with width and height in pixels if the scan is a grid.
+    /// A scan. If it is a grid, also its width and height in pixels.
     Scan((Scan, Option<[usize; 2]>)),
     Picture([usize; 2]),
 }
 
 impl FileContent {
-    /// Reads a file. Returns `None` if it is neither a scan nor a picture.
+    /// Determines the content of a file by reading it. Returns `None` if it is neither a scan nor a picture.
     ///
     /// # Errors
-    /// A message if a file with the extension of a scan or a picture cannot be read.
+    /// A message if the file cannot be read although it has the extension of a scan or a picture.
     fn read(file: &Path, catalog: &Catalog) -> Result<Option<Self>, String> {
         let readers = catalog.readers();
         let extension = extension(file);
@@ -212,8 +213,7 @@ impl FileContent {
                         return Ok(Some(found));
                     }
                 }
-                // Keeps the last error: points and pictures are tried last and have the fewest requirements, so their error is the most
-                // useful.
+                // Keep the last error. Points and pictures are tried last and need the least, so their error is the most useful one.
                 Err(error) => why = Some(error),
             }
         }
@@ -228,7 +228,7 @@ fn holds_a_scan(file: &Path, catalog: &Catalog) -> bool {
     matches!(FileContent::read(file, catalog), Ok(Some(FileContent::Scan(_))))
 }
 
-/// Describes a value as a scan. Returns `None` for a mesh without faces and for a value without points.
+/// Describes a value as a scan. Returns `None` for a mesh without faces, and for a value without points.
 fn as_scan(file: &Path, value: &AnyValue) -> Option<(Scan, Option<[usize; 2]>)> {
     let has_camera = value.get::<RangeImage>().is_some_and(|range| range.camera().is_some());
     let (bounds, size) = if let Some(range) = value.get::<RangeImage>() {
@@ -246,7 +246,8 @@ fn as_scan(file: &Path, value: &AnyValue) -> Option<(Scan, Option<[usize; 2]>)> 
         kind: value.kind().name,
         picture: None,
         has_camera,
-        // Survey formats are in meters. A diagonal below 20 mm is implausible for a scanner; 20 m is more likely.
+        // Survey formats are in meters. Otherwise assume meters if the diagonal is below 20: a scan of 20 mm is less likely than one of 20
+        // m.
         in_meters: in_meters(file) || (high - low).norm() < 20.0,
         y_up: is_grid && high.z <= 0.0,
     };
@@ -258,7 +259,7 @@ pub(crate) fn in_meters(file: &Path) -> bool {
     ["las", "laz", "e57"].contains(&&extension(file)[..])
 }
 
-/// Returns the file name with `#` in place of each number. All captures of one object have the same masked name.
+/// Returns the file name with `#` in place of each number. It is the same for all scans of one object.
 fn masked_name(file: &Path) -> String {
     let text = file.file_name().unwrap_or_default().to_string_lossy();
     let mut name = String::new();
@@ -272,8 +273,8 @@ fn masked_name(file: &Path) -> String {
     name
 }
 
-/// Returns the picture that belongs to a scan, among the pictures in the same folder. A longer common beginning of the file names is
-/// preferred, then a color word in the name of the picture, then a picture with the size of the grid.
+/// Returns the picture that belongs to a scan, from the pictures in the same folder. The best one shares the longest beginning of its file
+/// name with the scan. Then a picture with a word for color in its name is preferred, and then one with the size of the scan's grid.
 fn picture_of(
     scan: &Path,
     size: Option<[usize; 2]>,

@@ -1,4 +1,4 @@
-//! `maquette render gallery`: writes a page of all graphs of a folder, each with its picture, description and parameters.
+//! `maquette render gallery`: writes a page about all graphs in a folder, each with a picture, a description and its parameters.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -33,10 +33,10 @@ pub(crate) struct Gallery {
     cache: CacheOptions,
 }
 
-/// Width and height of a picture in pixels. At this size several pictures fit side by side, and each file has some tens of kilobytes.
+/// The width and height of a picture in pixels. At this size several pictures fit side by side, and a file has some tens of kilobytes.
 const SIZE: [usize; 2] = [320, 240];
 
-/// The camera. It looks slightly from the right and from above, which shows depth.
+/// The camera: it looks slightly from the right and from above, to show depth.
 const VIEW: View = View { size: SIZE, yaw: 25.0, pitch: 10.0, ..FRONT };
 const FRONT: View = View {
     size: SIZE,
@@ -98,7 +98,7 @@ impl Gallery {
         }
         self.push_library(&mut page, &mut used);
         let page = self.page_head(example) + &page;
-        // Descriptions of graphs are Markdown, which may contain HTML; `<` is escaped so the page contains none.
+        // Escape `<`, so that the page contains no HTML. The descriptions of graphs are Markdown, which may contain HTML.
         let page = page.replace('<', "&lt;");
         let path = self.graphs.join(PAGE);
         if !self.check {
@@ -112,8 +112,8 @@ impl Gallery {
         Err(format!("{} is out of date: run `maquette render gallery`", path.display()))
     }
 
-    /// Writes the page and its pictures, unless that would replace files that are not from a gallery. A page of a gallery is recognized
-    /// by its beginning, and the page lists its pictures. The page is written first; so the pictures of an interrupted run are listed, too.
+    /// Writes the page and its pictures, unless that would replace files that no gallery has written. Such a page is recognized by its
+    /// beginning, and it lists its pictures. The page is written first, so that it also lists the pictures of an interrupted run.
     fn write_files(
         &self,
         path: &Path,
@@ -151,7 +151,7 @@ impl Gallery {
         })
     }
 
-    /// Returns the beginning of the page. `example` is a graph of the folder with a numeric parameter, which the text uses as an
+    /// Returns the beginning of the page. `example` is a graph in the folder with a numeric parameter, which the text mentions as an
     /// example.
     fn page_head(&self, example: Option<(&PathBuf, (String, Json))>) -> String {
         let folder = self.graphs.display();
@@ -189,7 +189,7 @@ impl Gallery {
         }
     }
 
-    /// Appends the section of graphs that are used by other graphs.
+    /// Appends the section about graphs that other graphs use.
     fn push_library(&self, page: &mut String, used: &mut [Subgraph]) {
         if used.is_empty() {
             return;
@@ -223,13 +223,13 @@ impl Gallery {
     }
 }
 
-/// The text with which every page begins.
+/// The text with which every page of a gallery begins.
 const MARK: &str = "# Graphs to start from\n\nThis page is made by `maquette render gallery";
 
-/// The text with which the pages of older versions begin. Their command was `maquette gallery`.
+/// The text with which pages of older versions begin, in which the command was named `maquette gallery`.
 const FORMER_MARK: &str = "# Graphs to start from\n\nThis page is made by `maquette gallery";
 
-/// Returns true if a gallery wrote the page with this text.
+/// Returns true if `text` is a page that a gallery has written.
 fn is_gallery(text: &str) -> bool {
     [MARK, FORMER_MARK].iter().any(|mark| text.starts_with(mark))
 }
@@ -240,14 +240,14 @@ const LIBRARY: &str = "
 Name the file under `use`, and it is a node like any other: `maquette nodes GRAPH` prints its reference.
 ";
 
-/// Appends a line for a parameter.
+/// Appends a line about a parameter to the page.
 fn push_parameter(page: &mut String, name: &str, field: &Json, root: &Json) {
     let (kind, default) = (describe_parameter(field, root), describe_default(field, root));
     let doc = field["description"].as_str().unwrap_or_default();
     let _ = writeln!(page, "- `{name}`: {kind}{default}. {doc}");
 }
 
-/// Returns the first parameter of a graph that is a number with a maximum, and that maximum.
+/// Returns the first parameter of a graph that is a number with a maximum, together with this maximum.
 fn numeric_parameter(graph: &Graph) -> Option<(String, Json)> {
     let fields = graph.schema().get("properties").and_then(Json::as_object)?;
     fn maximum(field: &Json) -> Option<Json> {
@@ -256,7 +256,7 @@ fn numeric_parameter(graph: &Graph) -> Option<(String, Json)> {
     fields.iter().find_map(|(name, field)| Some((name.clone(), maximum(field)?)))
 }
 
-/// Returns the graphs of a folder, sorted by name, without tests, lock files, pins and handles.
+/// Returns the graphs in a folder, sorted by name. Tests, lock files, pins and handle files are left out.
 fn graphs(folder: &Path) -> Result<Vec<PathBuf>, String> {
     let unread = |error: std::io::Error| format!("cannot read {}: {error}", folder.display());
     let entries = std::fs::read_dir(folder).map_err(unread)?;
@@ -276,7 +276,7 @@ fn graphs(folder: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(graphs)
 }
 
-/// Returns a picture of the first output of the graph that has faces.
+/// Returns a picture of the graph's first output that has faces.
 fn picture_of(graph: &Graph, session: &mut Session) -> Option<Vec<u8>> {
     let finished = all_outputs(session, graph)?;
     let mesh =

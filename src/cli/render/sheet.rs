@@ -1,5 +1,5 @@
-//! `maquette render sheet`: contact sheets, which show the output of a graph from five sides, with the minimum and the maximum of each
-//! parameter.
+//! `maquette render sheet`: writes contact sheets. Each shows the output of a graph from five sides, for the minimum and the maximum of
+//! each parameter.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -41,10 +41,10 @@ pub(crate) struct Sheet {
     cache: CacheOptions,
 }
 
-/// The camera angles of the pictures in a row, each as yaw and pitch in degrees: front, right, left, above and behind.
+/// The cameras of the pictures in a row, as yaw and pitch in degrees: from the front, right, left, above and behind.
 const SIDES: [[f64; 2]; 5] = [[0.0, 0.0], [60.0, 10.0], [-60.0, 10.0], [0.0, 60.0], [180.0, 10.0]];
 
-/// The color of a picture if the graph fails with the values of its row.
+/// The color of a picture if the graph fails with the values of that row.
 const FAILURE_COLOR: Rgb = [255, 0, 255];
 
 impl Sheet {
@@ -68,7 +68,7 @@ impl Sheet {
         exit
     }
 
-    /// Writes one sheet. Returns true if the graph had a visible output in every row.
+    /// Writes the sheet of one graph. Returns true if the graph had a visible output in every row.
     fn make_sheet(
         &self,
         path: &Path,
@@ -99,7 +99,7 @@ impl Sheet {
         Ok(complete)
     }
 
-    /// Returns the layers to draw: those of the first output with faces, otherwise those of the first visible output.
+    /// Returns the layers to draw: those of the first output with faces, or else those of the first visible output.
     fn layers(
         &self,
         path: &Path,
@@ -141,8 +141,8 @@ impl Sheet {
     }
 }
 
-/// Returns the parameter values of each row. The first row has the defaults. The others set one parameter to its minimum or maximum, to
-/// one of its choices, or to false or true.
+/// Returns the parameter values of each row. The first row has the default values. Each of the others sets one parameter: to its minimum or
+/// maximum, to an enum variant, or to false or true.
 fn rows_of(graph: &Graph) -> Vec<Vec<(String, String)>> {
     let mut rows = vec![Vec::new()];
     let fields = graph.schema().get("properties").and_then(Json::as_object);

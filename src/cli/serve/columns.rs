@@ -1,4 +1,4 @@
-//! Writes values as files of plain numbers, and reads values from such files.
+//! Exchanges values with a host as files of plain numbers: writes values to such files, and reads values from them.
 
 use std::borrow::Cow;
 use std::collections::{BTreeSet, VecDeque};
@@ -17,24 +17,24 @@ use serde_json::{Map, Value as Json, json};
 use super::materials::{MaterialMessage, with_materials};
 use super::request::{Form, Input, Numbers};
 
-/// The files of columns that the host may read. Each file is named by the hash of its content, so equal columns share one file.
+/// The files that the host may read. A file is named by the hash of its content, so equal columns share one file.
 pub(super) struct Columns {
     folder: ExchangeFolder,
     files: BTreeSet<String>,
-    /// The file names in the last answers, by slot (the series of runs that replace each other). The slot with the newest answer is
-    /// last.
+    /// The files that the last answers name, by slot. A slot is a series of runs that replace each other. The slot with the newest answer
+    /// is the last.
     recent_answers: VecDeque<(String, VecDeque<BTreeSet<String>>)>,
-    /// Cached descriptions of files that are slow to create: edges of faces, and pictures. The text identifies the value from which the
-    /// files were made.
+    /// Cached descriptions of files that take long to create: the edges of faces, and pictures. The text identifies the value from which
+    /// the files were made.
     descriptions: VecDeque<(String, Vec<Json>)>,
-    /// The file names in the answer that is being created.
+    /// The names of the files in the answer that is being created.
     current_names: BTreeSet<String>,
 }
 
-/// The number of answers per slot whose files are kept.
+/// The number of answers per slot whose files are not removed.
 const MAX_ANSWERS: usize = 2;
 
-/// The maximum number of slots whose files are kept.
+/// The maximum number of slots whose files are not removed.
 const MAX_SLOTS: usize = 256;
 
 /// The maximum number of cached descriptions.
@@ -51,7 +51,7 @@ impl Columns {
         }
     }
 
-    /// Returns the folder of the files.
+    /// Returns the folder that contains the files.
     pub(super) fn folder(&self) -> &Path {
         self.folder.path()
     }
@@ -82,7 +82,7 @@ impl Columns {
         Ok(answer)
     }
 
-    /// Ends an answer. Removes the files that no kept answer refers to.
+    /// Ends an answer. Removes the files that none of the last answers names.
     pub(super) fn finish_answer(&mut self, slot: &str) {
         let index = self.recent_answers.iter().position(|(known, _)| known == slot);
         let known = index.and_then(|index| self.recent_answers.remove(index));
@@ -108,7 +108,7 @@ impl Columns {
         });
     }
 
-    /// Writes bytes to a file with the extension `ending`, unless the file exists. Returns the name of the file.
+    /// Writes bytes to a file with the extension `ending`, unless that file exists. Returns the name of the file.
     fn keep(&mut self, bytes: &[u8], ending: &str) -> Result<String, String> {
         let name = format!("{}.{ending}", Hash::compute(bytes));
         if !self.files.contains(&name) {
@@ -162,7 +162,8 @@ impl Columns {
         Ok(answer)
     }
 
-    /// Returns the cached descriptions of the files for `source`, and keeps these files for the current answer.
+    /// Returns the cached descriptions of the files that were made from `source`. Also adds these files to the current answer, so that they
+    /// are not removed.
     fn find_description(&mut self, source: &str) -> Option<Vec<Json>> {
         let (_, files) = self.descriptions.iter().find(|(known, _)| known == source)?;
         let names = files.iter().filter_map(|file| file["file"].as_str());
@@ -249,7 +250,7 @@ impl Columns {
         parts
             .columns
             .retain(|part| !matches!(part.element_kind, ElementKind::Texel | ElementKind::Whole));
-        // Hosts expect one texture coordinate for each corner.
+        // Hosts expect a texture coordinate for each corner, even if the value has one for each vertex.
         let uv = parts
             .columns
             .iter()
@@ -293,7 +294,7 @@ impl Columns {
         Ok(answer)
     }
 
-    /// Writes two columns: the two vertices of each edge, and for each corner the edge that begins at it. Returns their descriptions.
+    /// Writes two columns: the two vertices of each edge, and for each corner the edge that begins there. Returns their descriptions.
     fn edges(&mut self, mesh: &Mesh, faces: String) -> Result<Vec<Json>, String> {
         if let Some(known) = self.find_description(&faces) {
             return Ok(known);
@@ -308,7 +309,7 @@ impl Columns {
         Ok(columns)
     }
 
-    /// Reads a value of this type from the files that a host has written.
+    /// Reads a value of the type `kind` from the files that a host has written.
     pub(super) fn read(&self, input: &Input, kind: &ValueType) -> Result<AnyValue, String> {
         let read = |file: &str| {
             let path = self.folder.path_of(file)?;
@@ -345,7 +346,7 @@ impl Columns {
     }
 }
 
-/// Returns the layers with which a value is drawn in space. A range image is drawn as points.
+/// Returns the layers with which a value is drawn in 3D space. A range image is drawn as points.
 fn layers(value: &AnyValue) -> Vec<Layer> {
     let Some(range) = value.get::<RangeImage>() else { return value.show() };
     let cells: Vec<_> =
@@ -402,7 +403,7 @@ fn parse_fact(name: &str, fact: &Json) -> Result<FactValue, String> {
     })
 }
 
-/// Reads little-endian numbers. Returns `None` if the last number is incomplete.
+/// Decodes little-endian numbers. Returns `None` if the last number is incomplete.
 fn decode_items(numbers: Numbers, bytes: &[u8]) -> Option<Items<'_>> {
     fn decode<const N: usize, T>(bytes: &[u8], number: fn([u8; N]) -> T) -> Option<Vec<T>> {
         let (whole, rest) = bytes.as_chunks::<N>();

@@ -1,4 +1,4 @@
-//! The positions of nodes in a node editor: `NAME.layout.ron` beside the graph. Only the editor's view depends on this file.
+//! The positions of nodes in a node editor, in the file `NAME.layout.ron` next to the graph. They affect only the editor's view.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -14,10 +14,10 @@ use crate::DisplayPath;
 
 pub(crate) const ENDING: &str = "layout.ron";
 
-/// The position of a box as (column, row). Like [`RowPositions`](maquette_diagram::RowPositions), but fractions are allowed.
+/// The position of a node's box as (column, row). Like [`RowPositions`](maquette_diagram::RowPositions), but fractions are allowed.
 type Spot = (f64, f64);
 
-/// The positions of the boxes that a user has moved.
+/// The positions of those boxes that a user has moved.
 #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Layout {
@@ -27,7 +27,7 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// Reads the layout of a graph. Returns `None` if the graph has no layout file.
+    /// Reads the layout file of a graph. Returns `None` if there is none.
     pub(super) fn read(graph: &Path) -> Result<Option<Self>, String> {
         let path = layout_path(graph);
         let text = match fs::read_text(&path) {
@@ -41,7 +41,7 @@ impl Layout {
         })
     }
 
-    /// Writes the layout beside a graph. Fails if the existing file is not a layout.
+    /// Writes the layout file of a graph. Fails if the existing file at this path is not a layout.
     pub(super) fn write(&self, graph: &Path) -> Result<(), String> {
         let spots = self.nodes.values().chain(&self.inputs).chain(&self.outputs);
         if let Some(spot) = spots.into_iter().find(|(x, y)| !(x.is_finite() && y.is_finite())) {

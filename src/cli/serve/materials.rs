@@ -1,4 +1,4 @@
-//! Materials of meshes in the messages of `maquette serve`.
+//! Materials of meshes, as the messages of `maquette serve` describe them.
 
 use std::collections::BTreeMap;
 
@@ -6,12 +6,12 @@ use maquette_format::picture_file::{self, Kind};
 use maquette_value::{Image, Map, MapKind, Material, Mesh, Transparency, Wrap};
 use serde::{Deserialize, Serialize};
 
-/// A material in the protocol of `maquette serve`.
+/// A material, in the form of the protocol of `maquette serve`.
 #[derive(Deserialize, Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct MaterialMessage {
     name: String,
-    /// Red, green, blue and opacity from 0 to 1, in linear color space.
+    /// Red, green, blue and opacity, from 0 to 1, in linear color space.
     base_color: [f64; 4],
     metallic: f64,
     roughness: f64,
@@ -26,9 +26,9 @@ pub(super) struct MaterialMessage {
 #[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct MapMessage {
-    /// The name of the file in the exchange folder.
+    /// The name of the file in the exchange folder that contains the map.
     file: String,
-    /// The name of the file from which the map was read.
+    /// The name of the original file from which the map was read.
     #[serde(default)]
     name: String,
     #[serde(default = "default_strength")]
@@ -49,7 +49,7 @@ fn default_uv() -> String {
     "uv".to_owned()
 }
 
-/// Returns a copy of the mesh with these materials; `read` returns the content of a file in the exchange folder.
+/// Returns a copy of the mesh with these materials. `read` returns the content of a file in the exchange folder.
 pub(super) fn with_materials(
     mesh: &Mesh,
     materials: &[MaterialMessage],
@@ -70,7 +70,7 @@ impl Default for MaterialMessage {
 }
 
 impl MaterialMessage {
-    /// Describes a material for a message. `keep` writes the file of a map with the given extension and returns the file's name.
+    /// Describes a material for a message. `keep` writes a map to a file with the given extension, and returns the name of the file.
     pub(super) fn new(
         material: &Material,
         mut keep: impl FnMut(&[u8], &'static str) -> Result<String, String>,

@@ -1,4 +1,4 @@
-//! The requests of a host, a program that runs `maquette serve`.
+//! The requests of a host: a program that has started `maquette serve`.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -11,7 +11,7 @@ use serde_json::Value as Json;
 use super::layout::Layout;
 use super::materials::MaterialMessage;
 
-/// One line from a host: a request with its id. The id is a number or text that the answer repeats.
+/// One line from a host: a request with an id. The answer repeats the id, which is a number or a text.
 pub(super) struct Line {
     pub(super) id: Json,
     pub(super) request: Result<Request, String>,
@@ -21,36 +21,36 @@ pub(super) struct Line {
 #[derive(Deserialize)]
 #[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
 pub(super) enum Request {
-    /// Requests all node types.
+    /// Requests a list of all node types.
     Catalog {},
-    /// Requests inputs, outputs and diagnostics of a graph.
+    /// Requests the inputs, outputs and diagnostics of a graph.
     Load(Load),
-    /// Requests the parts of a graph's text.
+    /// Requests the parts of a graph's text, such as its nodes and their fields.
     Outline(Outline),
-    /// Stores the positions of a graph's nodes in an editor.
+    /// Stores the positions of a graph's nodes in the editor.
     Layout { graph: PathBuf, layout: Layout },
-    /// Requests values of a graph.
+    /// Evaluates a graph and requests some of its values.
     Run(Run),
     /// Cancels a run.
     Cancel {
-        /// The id of the run's request.
+        /// The id of the request that started the run.
         run: Json,
     },
     /// Creates a value for an input from files.
     Input(Input),
     /// Edits a graph file.
     Edit(EditRequest),
-    /// Replaces the text of a graph file, for instance to undo an edit.
+    /// Replaces the whole text of a graph file, for instance to undo an edit.
     Put {
         graph: PathBuf,
-        /// The text that the file must have.
+        /// The text that the file must contain at present.
         was: String,
         text: String,
-        /// The changes that others made since the file had the text `text`, in order; each is the text before and after the change. All
-        /// are merged into the result.
+        /// The changes that other programs made since the file had the text `text`, in order. Each is the text before and the text after
+        /// the change. All of them are merged into the result.
         theirs: Option<Vec<[String; 2]>>,
     },
-    /// Asks why a node would run, or why not.
+    /// Asks for the reason why a node would run, or why it would not.
     Why {
         graph: PathBuf,
         #[serde(default)]
@@ -74,13 +74,13 @@ pub(super) struct Load {
     pub(super) graph: PathBuf,
     #[serde(default)]
     pub(super) roots: Vec<PathBuf>,
-    /// Values of parameters and fields, as RON.
+    /// The values to set, as RON, by the name of the parameter or by `node.field`.
     #[serde(default)]
     pub(super) set: BTreeMap<String, String>,
-    /// True if the draft value of each `Draft` is used.
+    /// True if the draft value of each `Draft` is used instead of its final value.
     #[serde(default)]
     pub(super) draft: bool,
-    /// True if pinned results replace their nodes.
+    /// True if pinned results are used instead of running their nodes.
     #[serde(default = "default_true")]
     pub(super) pins: bool,
     /// True if used graphs must match the lock file.
@@ -94,7 +94,7 @@ pub(super) struct Outline {
     pub(super) graph: PathBuf,
     #[serde(default)]
     pub(super) roots: Vec<PathBuf>,
-    /// The text of the graph; read from the file if omitted.
+    /// The text of the graph. If it is omitted, the text is read from the file.
     pub(super) text: Option<String>,
 }
 
@@ -112,17 +112,18 @@ pub(super) struct Run {
     pub(super) pins: bool,
     #[serde(default)]
     pub(super) locked: bool,
-    /// The hashes of values for inputs, by the names of the inputs.
+    /// The hashes of the values for the graph's inputs, by the name of the input. The host has created these values with `Input`.
     #[serde(default)]
     pub(super) inputs: BTreeMap<String, String>,
-    /// The slot of the run: a later run with the same slot replaces a run that has not begun. The default is the path of the graph.
+    /// The slot of the run. A run that has not begun is replaced by a later run with the same slot. By default, the slot is the path of the
+    /// graph.
     slot: Option<String>,
-    /// The requested values; all outputs if omitted.
+    /// The values to return. If it is omitted, all outputs are returned.
     pub(super) want: Option<Vec<ValueRequest>>,
 }
 
 impl Run {
-    /// Returns the slot of the run.
+    /// Returns the slot of the run: the given one, or the path of the graph.
     pub(super) fn slot(&self) -> Cow<'_, str> {
         match &self.slot {
             Some(slot) => slot.into(),
@@ -131,26 +132,26 @@ impl Run {
     }
 }
 
-/// A requested value.
+/// A value that the host requests.
 #[derive(Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ValueRequest {
-    /// An output, a node or an output of a node.
+    /// The name of an output of the graph, of a node, or of an output of a node.
     pub(super) value: String,
     #[serde(default, rename = "as")]
     pub(super) form: Form,
 }
 
-/// The form of a value in an answer.
+/// The form in which a value is returned.
 #[derive(Clone, Copy, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Form {
-    /// Only the type, hash and facts of the value.
+    /// Only the type, the hash and the facts of the value.
     Facts,
-    /// All data columns, with all digits.
+    /// All data columns, without loss of precision.
     #[default]
     Parts,
-    /// Vertices, edges and faces for drawing, in single precision.
+    /// Vertices, edges and faces for drawing, with numbers in single precision.
     Mesh,
     /// A picture as PNG.
     Picture,
@@ -159,13 +160,13 @@ pub(super) enum Form {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Input {
-    /// The type of the value: `Mesh`.
+    /// The type of the value, such as `Mesh`.
     #[serde(rename = "type")]
     pub(super) kind: String,
     #[serde(default)]
     pub(super) facts: BTreeMap<String, Json>,
     pub(super) columns: Vec<InputColumn>,
-    /// The number of elements in a row, for values that are grids of pixels or control points.
+    /// The number of elements in a row, if the value is a grid of pixels or control points.
     pub(super) row: Option<usize>,
     /// The materials of a mesh.
     #[serde(default)]
@@ -182,7 +183,7 @@ pub(super) struct InputColumn {
     pub(super) width: usize,
     #[serde(rename = "type")]
     pub(super) numbers: Numbers,
-    /// The name of the file in the exchange folder.
+    /// The name of the file in the exchange folder that contains the column.
     pub(super) file: String,
 }
 
@@ -194,7 +195,7 @@ fn default_true() -> bool {
     true
 }
 
-/// Types of little-endian numbers.
+/// The types of numbers in files. All are little-endian.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Numbers {
@@ -211,13 +212,13 @@ pub(super) struct EditRequest {
     #[serde(default)]
     pub(super) roots: Vec<PathBuf>,
     pub(super) edits: Vec<Edit>,
-    /// True if the edit is only computed and nothing is written.
+    /// True if the edit is only computed, not written.
     #[serde(default)]
     pub(super) dry: bool,
 }
 
 impl Line {
-    /// Parses a line. The id is kept even if the rest of the request is invalid.
+    /// Parses a line. The id is read even if the rest of the request is invalid, so that the error can be answered.
     pub(super) fn read(line: &[u8]) -> Self {
         let document: Json = match serde_json::from_slice(line) {
             Ok(document) => document,

@@ -1,4 +1,4 @@
-//! The thread that evaluates graphs while the main thread reads requests of the host.
+//! The thread that evaluates graphs, while the main thread reads the requests of the host.
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -29,7 +29,7 @@ pub(super) enum Job {
     Why(Load, String),
 }
 
-/// The runs that can be cancelled, by the ids of their requests.
+/// The cancel token of each run that can be cancelled, by the id of its request.
 pub(super) type RunTokens = Arc<Mutex<HashMap<String, CancelToken>>>;
 
 pub(super) struct Runner {
@@ -38,15 +38,15 @@ pub(super) struct Runner {
     pub(super) columns: Columns,
     pub(super) listener: Listener,
     pub(super) runs: RunTokens,
-    /// Values that the host created for inputs, the oldest first.
+    /// The values that the host has created for inputs, the oldest first.
     pub(super) values: VecDeque<AnyValue>,
 }
 
-/// The maximum number of stored values for inputs.
+/// The maximum number of values for inputs that are stored. The oldest are dropped first.
 const MAX_VALUES: usize = 64;
 
 impl Runner {
-    /// Runs all jobs until the channel is closed.
+    /// Processes jobs until the channel is closed.
     pub(super) fn work(mut self, jobs: &Receiver<(Json, Job)>) {
         let mut waiting = VecDeque::new();
         while let Some((id, job)) = waiting.pop_front().or_else(|| jobs.recv().ok()) {
@@ -58,7 +58,7 @@ impl Runner {
                 job => {
                     catch_unwind(AssertUnwindSafe(|| self.run_job(&id, job))).unwrap_or_else(
                         |panic| {
-                            // After a panic the session may contain incomplete results.
+                            // Drop all results, because after a panic some may be incomplete.
                             self.session.forget();
                             Err(RequestError::from(format!(
                                 "a bug of this program: {}",
@@ -135,8 +135,8 @@ impl Runner {
         Ok(answer)
     }
 
-    /// Returns the requested values that exist, by default all outputs. If a value cannot be returned in the requested form, its entry
-    /// contains the reason instead.
+    /// Returns those requested values that exist. Without a request, returns all outputs. If a value cannot be returned in the requested
+    /// form, the reason is returned in its place.
     fn values(
         &mut self,
         finished: &RunResult,
@@ -198,7 +198,7 @@ impl Runner {
     }
 }
 
-/// Returns true if a job is a run with the same slot as `run`.
+/// Returns true if a job is a run in the same slot as `run`, so that one replaces the other.
 fn has_same_slot(job: &Job, run: &Run) -> bool {
     matches!(job, Job::Run(later, _) if later.slot() == run.slot())
 }
@@ -209,7 +209,7 @@ pub(super) fn load_options(load: &Load) -> Options {
     Options { roots: load.roots.clone(), set, draft, pins, locked, ..Options::default() }
 }
 
-/// The reason why a request is refused.
+/// The reason why a request cannot be answered.
 pub(super) struct RequestError {
     pub(super) message: String,
     pub(super) diagnostics: Vec<Diagnostic>,

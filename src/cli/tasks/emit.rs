@@ -1,5 +1,5 @@
-//! Writes job files for engines of farms. Each job is one call of this program, `maquette batch SWEEP --handover HASH --task I`. A first
-//! call with `--warm` fills the cache with the shared parts of the tasks.
+//! Writes job files for the engines of render farms. Each job is one call of this program: `maquette batch SWEEP --handover HASH --task I`.
+//! Before the jobs, one call with `--warm` fills the cache with the results that tasks share.
 
 mod openjd;
 
@@ -25,14 +25,14 @@ pub(crate) enum Engine {
     Lines,
 }
 
-/// The default maximum size of a Slurm job array.
+/// The default maximum number of jobs in a Slurm job array.
 const MAX_ARRAY: usize = 1000;
 
-/// The time between the program's own time limit and the limit that the engine enforces. It lets the program report that the time is
-/// over.
+/// The time between the program's own time limit and the later limit of the engine. In this time the program can report that the limit is
+/// exceeded.
 const GRACE_PERIOD: Duration = Duration::from_secs(60);
 
-/// Resources and limits of each job.
+/// The resources and limits of each job.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Resources {
     /// The number of tasks that a job runs in sequence.
@@ -41,38 +41,39 @@ pub(crate) struct Resources {
     pub(crate) at_once: Option<usize>,
     /// The maximum time for one task.
     pub(crate) time_limit: Option<Duration>,
-    /// The number of threads of a job; `None` if the user gave no number.
+    /// The number of threads of a job, or `None` if the user has not given it.
     pub(crate) threads: Option<usize>,
-    /// The memory limit for results and running nodes, in bytes.
+    /// The limit for the memory of results and running nodes together, in bytes. `None` if the user has not given it.
     pub(crate) memory: Option<u64>,
 }
 
 impl Resources {
-    /// Returns the memory to request from the engine, in MiB: the memory limit plus a quarter for input files and the program itself.
+    /// Returns the memory that a job requests from the engine, in MiB. This is the memory limit plus a quarter, for input files and the
+    /// program itself.
     fn mebibytes(self) -> Option<u64> {
         self.memory.map(|bytes| (bytes + bytes / 4).div_ceil(1 << 20))
     }
 
-    /// Returns the time after which the engine stops a job.
+    /// Returns the time after which the engine stops a job, or `None` without a limit.
     fn job_limit(self) -> Option<Duration> {
         let tasks = u32::try_from(self.chunk.max(1)).unwrap_or(u32::MAX);
         self.time_limit.map(|limit| limit.saturating_mul(tasks).saturating_add(GRACE_PERIOD))
     }
 }
 
-/// A batch that is handed over to an engine.
+/// A batch whose tasks are handed over to an engine.
 pub(crate) struct Handover<'a> {
     /// The name of the batch.
     pub(crate) name: &'a str,
-    /// The command line, without the arguments that select a task.
+    /// The command line of a job, without the arguments that select the task.
     pub(crate) words: &'a [String],
-    /// The parameters that the submitter of a job of Open Job Description may set.
+    /// The parameters of the graph that the submitter of an Open Job Description job can set.
     pub(crate) parameters: &'a [JobParameter],
     /// The number of tasks.
     pub(crate) tasks: usize,
-    /// The current folder, to which paths are relative.
+    /// The current folder. Paths in the command line are relative to it.
     pub(crate) folder: &'a str,
-    /// The folder of logs, relative to the current folder.
+    /// The folder for logs, relative to the current folder.
     pub(crate) logs: &'a str,
     pub(crate) resources: Resources,
 }
@@ -92,7 +93,8 @@ impl Handover<'_> {
         self.words.iter().map(|word| quote_for_shell(word)).collect::<Vec<_>>().join(" ")
     }
 
-    /// Returns the number of jobs, and the argument that sets the number of tasks of each job (empty for one).
+    /// Returns the number of jobs, and the argument that sets the number of tasks of each job. The argument is empty if each job runs one
+    /// task.
     fn jobs(&self) -> (usize, String) {
         match self.resources.chunk {
             0 | 1 => (self.tasks, String::new()),
@@ -100,8 +102,8 @@ impl Handover<'_> {
         }
     }
 
-    /// Returns one command per line. A shell that runs the lines continues after a failed command. The exit code of the shell is that
-    /// of the last failed command.
+    /// Returns the jobs as one command per line. A shell that runs the lines continues after a failed command, and its exit code is that of
+    /// the last command that failed.
     fn lines(&self) -> String {
         let (command, (jobs, chunk)) = (self.command(), self.jobs());
         (0..jobs)
@@ -109,7 +111,8 @@ impl Handover<'_> {
             .collect()
     }
 
-    /// Returns a makefile. make continues after failed jobs; the command of the contact sheet fails if a job failed.
+    /// Returns a makefile that runs the jobs. make continues after failed jobs. The last command, which writes the contact sheet, fails if
+    /// a job has failed.
     fn make(&self) -> String {
         let (jobs, chunk) = self.jobs();
         let names = (0..jobs).map(|job| job.to_string()).collect::<Vec<_>>().join(" ");
@@ -128,7 +131,7 @@ impl Handover<'_> {
         )
     }
 
-    /// Returns a script that submits a job array. If there are more tasks than Slurm allows jobs, each job runs several tasks.
+    /// Returns a shell script that submits a Slurm job array. If there are more tasks than allowed jobs, each job runs several tasks.
     fn slurm(&self) -> String {
         let chunk = self.resources.chunk.max(self.tasks.div_ceil(MAX_ARRAY)).max(1);
         let resources = Resources { chunk, ..self.resources };
@@ -139,7 +142,7 @@ impl Handover<'_> {
             resources.mebibytes().map(|memory| format!("--mem={memory}M")),
             resources.job_limit().map(|limit| format!("--time={}", limit.as_secs().div_ceil(60))),
         ];
-        // Without --threads a job uses the processors that Slurm allocates.
+        // Without --threads, let a job use the processors that Slurm allocates to it.
         let threads = if threads.is_none() { "--threads ${SLURM_CPUS_ON_NODE:-0}" } else { "" };
         fill_template(
             include_str!("emit/slurm.sh"),
@@ -162,7 +165,7 @@ impl Handover<'_> {
         let (jobs, chunk) = self.jobs();
         let Resources { at_once, threads, .. } = self.resources;
         let memory = self.resources.mebibytes();
-        // HyperQueue allocates one processor to a job by default, so the job uses one thread.
+        // Without --threads, use one thread, because HyperQueue allocates one processor to a job by default.
         let mut words = self.words.to_vec();
         if threads.is_none() {
             words.extend(["--threads", "1"].map(str::to_owned));
@@ -172,14 +175,14 @@ impl Handover<'_> {
             (threads, memory) => {
                 let memory = memory.map_or(json!({}), |memory| json!({ "mem": memory }));
                 let threads = threads.unwrap_or(1);
-                // A worker that the script starts locally has no memory resource, so `HERE` omits the request for memory.
+                // Do not request memory from a worker that the script starts locally (`HERE`), because such a worker declares no memory.
                 let memory = format!("{{}} if HERE else {memory}");
                 let request = format!("ResourceRequest(cpus={threads}, resources={memory})");
                 ("from hyperqueue.ffi.protocol import ResourceRequest\n", request)
             }
         };
         let chunk: Vec<_> = chunk.split_whitespace().collect();
-        // JSON strings are valid Python strings.
+        // Insert texts as JSON strings, which are also valid Python strings.
         fill_template(
             include_str!("emit/hq.py"),
             &[
@@ -198,7 +201,7 @@ impl Handover<'_> {
     }
 }
 
-/// Replaces each mark `@NAME@` in a template by its value. Marks inside of values are not replaced.
+/// Replaces each placeholder `@NAME@` in a template by its value. Placeholders that occur in values are not replaced.
 fn fill_template(text: &str, values: &[(&str, &str)]) -> String {
     let mut full = String::with_capacity(text.len());
     let mut rest = text;

@@ -1,4 +1,4 @@
-//! Runs the tasks of a batch, in sequence or several at the same time. The first task always runs alone and fills the cache.
+//! Runs the tasks of a batch, one by one or several at the same time. The first task always runs alone, to fill the cache for the others.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -21,11 +21,11 @@ pub(crate) struct FinishedTask {
     /// The index of the task in the sweep.
     pub(crate) index: usize,
     pub(crate) record: Record,
-    /// True if the task was run now, false if its record was up to date.
+    /// True if the task was run now, false if its record was already up to date.
     pub(crate) was_run: bool,
 }
 
-/// Observes tasks from any thread.
+/// Receives the progress of tasks. The methods may be called from any thread.
 pub(crate) trait TaskObserver: Sync {
     /// Called when a task begins.
     fn on_begin(&self, index: usize);
@@ -33,29 +33,29 @@ pub(crate) trait TaskObserver: Sync {
     fn on_end(&self, ended: FinishedTask);
 }
 
-/// Options for running tasks.
+/// Options for running the tasks of a batch.
 pub(crate) struct ExecutionOptions<'a> {
-    /// The number of tasks that run at the same time.
+    /// The maximum number of tasks that run at the same time.
     pub(crate) jobs: usize,
-    /// Creates a session. It is called once for each task that runs at the same time.
+    /// Creates a session. It is called once for each of the sessions that run tasks at the same time.
     pub(crate) session: &'a (dyn Fn() -> Result<Session, String> + Sync),
-    /// Called with each session when it has no more tasks.
+    /// Is called with each session after its last task.
     pub(crate) finish: &'a (dyn Fn(&Session) + Sync),
     pub(crate) observer: &'a (dyn Observer + Sync),
     pub(crate) task_observer: &'a dyn TaskObserver,
     pub(crate) cancel: &'a CancelToken,
 }
 
-/// Returns the number of tasks that run at the same time, at most `jobs`. The first task runs alone, so it is not counted.
+/// Returns the number of tasks that run at the same time, at most `jobs`. The first task runs alone before them and is not counted.
 pub(crate) fn job_count(jobs: usize, tasks: usize) -> usize {
     if tasks < 3 { 1 } else { jobs.min(tasks) }
 }
 
 impl Batch<'_> {
-    /// Runs these tasks, except those whose record is up to date.
+    /// Runs the given tasks, except those whose record is up to date.
     ///
     /// # Errors
-    /// A message if a session cannot be created or a record cannot be written. The remaining tasks are not run.
+    /// A message if a session cannot be created, or a record cannot be written. Then the remaining tasks are not run.
     pub(crate) fn run_all(
         &self,
         tasks: &[usize],
@@ -69,7 +69,7 @@ impl Batch<'_> {
             (running.finish)(&session);
             return Ok(());
         }
-        // The first task fills the cache on disk for the others.
+        // Run the first task alone, so that it fills the cache on disk for the others.
         self.run_next(&mut session, tasks, &next, running, 1)?;
         (running.finish)(&session);
         let failed = Mutex::new(None);
@@ -92,7 +92,7 @@ impl Batch<'_> {
         failed.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
     }
 
-    /// Runs tasks until none is left or `limit` have been run.
+    /// Runs tasks one by one, until none is left or `limit` tasks have been run.
     fn run_next(
         &self,
         session: &mut Session,
@@ -102,7 +102,7 @@ impl Batch<'_> {
         limit: usize,
     ) -> Result<(), String> {
         let mut count = 0;
-        // The tasks that were run recently, each with the time of its end.
+        // The tasks that were run recently, each with the time at which it ended.
         let mut young = VecDeque::new();
         while count < limit && !running.cancel.is_cancelled() {
             let Some(&index) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) else { break };

@@ -1,15 +1,15 @@
-//! Generates the sweep for the options `--sweep` and `--scans`.
+//! Generates the text of a sweep from the options `--sweep` and `--scans`.
 
 use std::path::Path;
 
 use maquette_syntax::paths::{folder_of_new, path_between, without_dots};
 use maquette_syntax::{parse, quote};
 
-/// Returns the text of a sweep over the files that match a pattern and over values of parameters. Each parameter is a name with a list
-/// of values: (`name`, `5,12,20`).
+/// Returns the text of a sweep over the files that match a pattern, and over values of parameters. Each parameter is a name with a list of
+/// values, such as (`name`, `5,12,20`).
 ///
 /// # Errors
-/// A message if a parameter has an empty value, or there is no current folder.
+/// A message if a value of a parameter is empty, or if there is no current folder.
 pub(crate) fn generate_sweep(
     graph: &Path,
     scans: Option<&str>,
@@ -20,7 +20,7 @@ pub(crate) fn generate_sweep(
         let current_folder = std::env::current_dir()
             .map_err(|error| format!("cannot determine the current folder: {error}"))?;
         let current_folder = std::fs::canonicalize(&current_folder).unwrap_or(current_folder);
-        // The current folder may be a symbolic link. It is resolved, because the pattern becomes relative to the real folder of the graph.
+        // Resolve the current folder if it is a symbolic link, because the pattern becomes relative to the real folder of the graph.
         let pattern_path = without_dots(&current_folder.join(pattern));
         let pattern_path =
             folder_of_new(&pattern_path).join(pattern_path.file_name().unwrap_or_default());
@@ -44,7 +44,7 @@ pub(crate) fn generate_sweep(
     Ok(format!("Sweep(graph: {}, over: {over})\n", quote(&name)))
 }
 
-/// Splits a text at commas, except those inside of brackets and quoted text.
+/// Splits a text at its commas, except those inside of brackets or quotes.
 fn split_values(text: &str) -> Vec<&str> {
     let (mut depth, mut in_text, mut start) = (0_usize, false, 0);
     let mut split_values = Vec::new();
@@ -65,7 +65,7 @@ fn split_values(text: &str) -> Vec<&str> {
     split_values
 }
 
-/// Returns a value as RON. A value that is not RON becomes a text.
+/// Returns a value as RON. A text that is not valid RON is put in quotes.
 fn literal(text: &str) -> String {
     match text.is_empty() || parse(text).1.is_empty() {
         true => text.to_owned(),

@@ -1,4 +1,4 @@
-//! The parameters of a graph as parameters of an Open Job Description job, which the submitter may set.
+//! Makes parameters of a graph available as parameters of an Open Job Description job. The submitter of the job can set them.
 
 use std::collections::BTreeSet;
 
@@ -8,21 +8,21 @@ use serde_json::{Value as Json, json};
 /// A parameter of a job.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct JobParameter {
-    /// The declaration in the job template.
+    /// The declaration of the parameter in the job template.
     pub(super) definition: Json,
-    /// The `--set` argument that passes the value of the job parameter to the graph.
+    /// The argument of `--set` by which the value of the job parameter is passed to the graph.
     pub(super) assignment: String,
 }
 
-/// Limits of Open Job Description. `MAX_PARAMETERS` is the number of parameters besides the project folder, `MAX_NAME` the number of
-/// characters in a name.
+/// Limits of Open Job Description: the maximum number of parameters without the project folder (`MAX_PARAMETERS`), and the maximum number
+/// of characters in a name (`MAX_NAME`).
 const MAX_PARAMETERS: usize = 49;
 const MAX_NAME: usize = 64;
 const MAX_TEXT: usize = 1024;
 const MAX_DESCRIPTION: usize = 2048;
 
 impl JobParameter {
-    /// Returns the parameters of a graph, except those in `set` and those that a job template cannot represent.
+    /// Returns the job parameters for a graph. Parameters in `set`, and those that a job template cannot represent, are left out.
     pub(crate) fn from_graph(graph: &Graph, set: &BTreeSet<&str>, is_draft: bool) -> Vec<Self> {
         let declared = graph.schema()["properties"].as_object().into_iter().flatten();
         let open = declared.filter(|(name, _)| !set.contains(&name[..]));
@@ -30,14 +30,15 @@ impl JobParameter {
         all.take(MAX_PARAMETERS).collect()
     }
 
-    /// Returns the parameter with this name. Returns `None` if it is an input of the graph or a template cannot represent its default.
+    /// Creates the job parameter with this name. Returns `None` if it is an input of the graph, or if a template cannot represent its
+    /// default.
     fn new(name: &str, schema: &Json, is_draft: bool) -> Option<Self> {
         let side = if is_draft { "draft" } else { "final" };
         let default = match &schema["draft"][side] {
             Json::Null => schema.get("default")?,
             default => default,
         };
-        // Hyphens are not allowed in names of job parameters.
+        // Replace hyphens, which the names of job parameters must not contain.
         let own = name.replace('-', "_");
         if own.len() > MAX_NAME {
             return None;
@@ -77,7 +78,7 @@ impl JobParameter {
                 definition["default"] = text.into();
                 match schema.get("enum") {
                     Some(choices) => definition["allowedValues"] = choices.clone(),
-                    // The value is passed in quotes, so that any value is text; the text itself must not contain quotes.
+                    // The value is passed in quotes, so that it always is a text. So the default itself must not contain quotes.
                     None if text.contains(['"', '\\', '{']) => return None,
                     None => value = format!("\"{value}\""),
                 }

@@ -1,8 +1,8 @@
-//! The logs of tasks that a farm runs.
+//! The logs of tasks that run on a render farm.
 //!
-//! The program writes the logs itself, beside the list of tasks, because engines store the output of jobs in different places or not at
-//! all, and because command lines contain no task names. The job that ends last writes the contact sheet, because plain command lines (for
-//! GNU parallel) have no final step.
+//! The program writes the logs itself, next to the list of tasks. Engines store the output of jobs in different places or not at all, and
+//! command lines do not contain the names of tasks. The job that ends last writes the contact sheet, because plain command lines (for GNU
+//! parallel) have no final step.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -18,20 +18,20 @@ use super::Batch;
 use super::record::{Record, State, text_field};
 use crate::events::unresponsive_message;
 
-/// The words with which the last line of a log begins if the task has ended.
+/// The first words of the last line of a log, if the task has ended.
 const END_WORDS: [&str; 3] = ["done", "failed", "not run"];
 
-/// The open log of a task.
+/// The log of a task, open for writing.
 pub(super) struct Log {
     start: Instant,
-    /// `None` after a write error: a missing log must not fail the task.
+    /// The open file. `None` after a write error, because a task must not fail because of its log.
     file: Mutex<Option<File>>,
 }
 
 impl Log {
     fn write(&self, text: &str) {
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        // A single write call, so the text is complete even if the process is killed.
+        // Write all of the text in one call, so that it is complete even if the process is killed.
         if file.as_mut().is_some_and(|file| file.write_all(text.as_bytes()).is_err()) {
             *file = None;
         }
@@ -41,7 +41,7 @@ impl Log {
         self.write(&format!("{:9.2} s  {words}\n", self.start.elapsed().as_secs_f64()));
     }
 
-    /// Writes the end of the task into the log. `record` is `None` if the task was stopped.
+    /// Writes the end of the task to the log. `record` is `None` if the task was stopped.
     pub(super) fn end(&self, record: Option<&Record>) {
         let Some(record) = record else { return self.line("stopped") };
         for problem in &record.problems {
@@ -86,7 +86,7 @@ impl Observer for Log {
 }
 
 impl Batch<'_> {
-    /// Begins the log of a task that was handed over to a farm. Returns `None` for other tasks, which have no log.
+    /// Begins the log of a task that was handed over to a farm. Returns `None` for any other task, because it has no log.
     pub(super) fn begin_log(&self, task: &Task) -> Option<Log> {
         let path = self.log_path(task)?;
         let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
@@ -105,16 +105,16 @@ impl Batch<'_> {
         Some(log)
     }
 
-    /// Records in the log that a task was not run, because it is up to date.
+    /// Writes to the log that a task was not run, because its record is up to date.
     pub(super) fn log_up_to_date(&self, task: &Task, state: State) {
         let Some(path) = self.log_path(task) else { return };
-        // Errors are ignored, because only people read the logs.
+        // Ignore errors, because logs are only read by people.
         let _ = writing::open_log(&path).and_then(|mut file| {
             writeln!(file, "not run: {}, and nothing has changed", state.word())
         });
     }
 
-    /// Returns true if all tasks that were handed over have ended. The last task is checked first: farms run tasks in order, so it
+    /// Returns true if all tasks that were handed over have ended. For speed, checks the last task first: farms run tasks in order, so it
     /// usually ends last.
     pub(crate) fn have_all_ended(&self) -> bool {
         let mut tasks = self.sweep.tasks.iter().rev();

@@ -1,7 +1,7 @@
-//! The record of a task: a file with its values, its results and the hashes of its inputs.
+//! The record of a task: a file that contains its values, its results, and the hashes of its inputs.
 //!
-//! A record is up to date as long as its `key` and the hashes of its `files` are unchanged. The cache does not matter, so the machines
-//! of a farm need no common cache. A changed comment in the graph does not change the `key`, so no task runs again.
+//! A record is up to date as long as its `key` and the hashes of its `files` have not changed. It does not depend on the cache, so the
+//! machines of a farm need not share one. A changed comment in the graph does not change the `key`, so it causes no task to run again.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,16 +16,16 @@ use serde_json::Value as Json;
 
 use crate::DisplayPath;
 
-/// The folder of records in the folder of a batch.
+/// The subfolder for records in the folder of a batch.
 pub(super) const FOLDER: &str = "tasks";
 
-/// Returns the message for a file of a batch that cannot be written.
+/// Returns the message that a file of a batch cannot be written.
 pub(super) fn write_error(path: &Path, why: &dyn std::fmt::Display) -> String {
     let help = "make the folder writable, or choose another one with --out";
     format!("cannot write {}: {why}\n  = help: {help}", path.for_display())
 }
 
-/// The final state of a task.
+/// The result of a task.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum State {
@@ -42,33 +42,33 @@ impl State {
     }
 }
 
-/// The record of a task. It is written after all other files of the task, so a task with a record is complete.
+/// The record of a task. It is written after all other files of the task, so if it exists, the task is complete.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(crate) struct Record {
-    /// The version of the format: 1.
+    /// The version of the file format, which is 1.
     pub(crate) format: u32,
     pub(crate) name: String,
     pub(crate) state: State,
-    /// The swept values by name, as written in the sweep.
+    /// The swept values, as written in the sweep, by name.
     pub(crate) values: Vec<(String, String)>,
     pub(crate) seconds: f64,
-    /// True if the task failed because time, memory or disk space was insufficient, or because a file could not be read or written.
-    /// Then the next batch runs the task again.
+    /// True if the task failed because time, memory or disk space was short, or because a file could not be read or written. Then the next
+    /// run of the batch tries the task again.
     #[serde(rename = "may_pass", default, skip_serializing_if = "std::ops::Not::not")]
     pub(crate) may_succeed_later: bool,
     /// The number of nodes by state.
     pub(crate) nodes: BTreeMap<String, usize>,
     pub(crate) outputs: Vec<Output>,
-    /// The picture of the task for the contact sheet, a file beside the record.
+    /// The picture of the task for the contact sheet. It is stored next to the record.
     pub(crate) picture: Option<Output>,
-    /// Diagnostics in the form of `--json`.
+    /// The diagnostics of the task, in the form that the option `--json` prints.
     pub(crate) problems: Vec<Json>,
-    /// The hash of the graph with the values of the task, of the picture options and of the program. `None` if the graph could not be
-    /// read.
+    /// A hash of the graph with the values of the task, of the options for the picture, and of the program. `None` if the graph could not
+    /// be read.
     pub(crate) key: Option<Hash>,
-    /// The hashes of the input files by their paths in the project; `None` for a missing file.
+    /// The hash of each input file, by its path in the project. `None` for a missing file.
     pub(crate) files: BTreeMap<String, Option<Hash>>,
-    /// The metadata that the input files had when they were read.
+    /// The metadata that each input file had when it was read.
     pub(crate) as_read: Vec<KnownFile>,
 }
 
@@ -77,17 +77,17 @@ pub(crate) struct Record {
 pub(crate) struct Output {
     /// The name of the output.
     pub(crate) name: String,
-    /// The path in the folder of the batch.
+    /// The path of the file, relative to the folder of the batch.
     pub(crate) path: String,
     pub(crate) bytes: usize,
     pub(crate) hash: Hash,
-    /// The metadata that the file had after it was written.
+    /// The metadata of the file after it was written. If it has not changed, the file is unchanged.
     #[serde(rename = "left")]
     pub(super) stamp: Option<VerifiedStamp>,
 }
 
 impl Record {
-    /// Reads the record of a task. Returns `None` if no valid record exists.
+    /// Reads the record of a task. Returns `None` if there is none, or if it is invalid.
     pub(crate) fn read(out: &Path, task: &str) -> Option<Self> {
         let bytes = fs::read_no_follow(&record_path(out, task)).ok()?;
         serde_json::from_slice(&bytes).ok().filter(|it: &Self| it.format == 1 && it.name == task)
@@ -109,7 +109,7 @@ pub(super) fn record_path(out: &Path, task: &str) -> PathBuf {
     out.join(FOLDER).join(format!("{task}.json"))
 }
 
-/// Returns a text field of a diagnostic in the form of `--json`, empty if it is missing.
+/// Returns the text field `name` of a diagnostic that is given as JSON. Returns an empty text if the field is missing.
 pub(crate) fn text_field<'p>(problem: &'p Json, name: &str) -> &'p str {
     problem[name].as_str().unwrap_or_default()
 }

@@ -23,33 +23,33 @@ use super::record::{Output, Record, State, picture_path, write_error};
 use super::time_limit::{TimeLimit, format_time};
 use crate::has_errors;
 
-/// The JPEG quality of pictures, from 1 to 100. At the size of the pictures, artifacts of this quality are invisible.
+/// The quality of JPEG pictures, from 1 to 100. At the size of the pictures no artifacts are visible with this value.
 const QUALITY: u8 = 88;
 
-/// The tasks of a sweep with a folder for results.
+/// The tasks of a sweep, with the folder for their results and the options for running them.
 pub(crate) struct Batch<'a> {
     pub(crate) sweep: &'a Sweep,
-    /// The folder into which results are written.
+    /// The folder for results.
     pub(crate) out: &'a Path,
-    /// True if the user chose the folder.
+    /// True if the user has given the folder explicitly.
     pub(crate) is_chosen_folder: bool,
     /// The options for loading graphs.
     pub(crate) options: &'a Options,
-    /// True if outputs contain their provenance.
+    /// True if the provenance is written into output files.
     pub(crate) has_provenance: bool,
     /// True if failed tasks run again even if nothing changed.
     pub(crate) retries_failures: bool,
-    /// The maximum time of a task.
+    /// The maximum time for one task, or `None` without a limit.
     pub(crate) time_limit: Option<Duration>,
-    /// The hash of the list of tasks that was handed over to a farm.
+    /// The hash of the list of tasks that was handed over to a farm. `None` if this is not a job of a farm.
     pub(crate) handover: Option<&'a str>,
-    /// True if tasks are only checked, not run. Then large files are not read.
+    /// True if tasks are only examined and not run. Then large files are not read.
     pub(crate) is_forecast: bool,
 }
 
-/// The state of a task before it is run.
+/// The state of a task before it is run: up to date or due.
 pub(crate) enum TaskStatus {
-    /// The task is up to date, with this record.
+    /// The task has this record, which is up to date.
     Holds(Box<Record>),
     /// The task must be run.
     Due(Box<DueTask>),
@@ -59,15 +59,15 @@ pub(crate) enum TaskStatus {
 pub(crate) struct DueTask {
     /// The reason for running the task.
     pub(crate) reason: String,
-    /// The graph of the task, if it had to be loaded to determine the state.
+    /// The graph of the task, if it was loaded to find out that the task must be run.
     loaded: Option<LoadedTask>,
 }
 
-/// The graph of a task, or the errors because of which it cannot be loaded.
+/// The graph of a task, or the errors that prevent loading it.
 struct LoadedTask {
     graph: Option<Graph>,
     diagnostics: Vec<Diagnostic>,
-    /// The hash of the task and its input files, `None` if a file cannot be read.
+    /// A hash of the task, and its input files with their hashes. `None` if a file cannot be read.
     identity: Option<(Hash, ReadFiles)>,
 }
 
@@ -100,7 +100,7 @@ impl Batch<'_> {
         }
     }
 
-    /// Returns the reason why the record of a task is outdated, `None` if it is up to date.
+    /// Returns the reason why the record of a task is outdated, or `None` if it is up to date.
     fn find_change(&self, record: &mut Record, loaded: &LoadedTask) -> Option<String> {
         let Some((key, files)) = &loaded.identity else {
             return Some("a file cannot be read".to_owned());
@@ -131,8 +131,8 @@ impl Batch<'_> {
         Some(format!("{what} was changed after the run"))
     }
 
-    /// Returns a description of the first file, an output or the picture, that was changed after the run. If no file was changed,
-    /// updates modification times in the record that were too recent to be reliable before. So the next check need not read the contents.
+    /// Looks for an output or picture that was changed after the run, and returns a description of the first. If there is none, updates the
+    /// metadata in the record of files that were too new to be trusted by their modification times. Then the next check need not read them.
     fn find_changed_file(&self, record: &mut Record) -> Option<String> {
         let mut is_better_known = false;
         let outputs = record.outputs.iter_mut().map(|output| (false, output));
@@ -150,22 +150,22 @@ impl Batch<'_> {
                 !before && output.stamp.as_ref().is_some_and(VerifiedStamp::is_settled);
         }
         if is_better_known {
-            // If the write fails, the next check only takes longer.
+            // Ignore an error: if the record cannot be written, the next check only takes longer.
             let _ = record.write(self.out, &self.destination(&Sources::default()));
         }
         None
     }
 
-    /// Verifies the outputs of a task some time after its run, when their modification times are reliable. Then the next batch need not
-    /// read the outputs.
+    /// Checks the outputs of a task some time after its run, when their modification times have become reliable. Then the next run of the
+    /// batch need not read the outputs.
     pub(super) fn verify_outputs(&self, task: &Task) {
         if let Some(mut record) = Record::read(self.out, &task.name) {
-            // If an output was changed, the next batch notices that.
+            // Ignore a changed output here: the next run of the batch will notice it.
             let _ = self.find_changed_file(&mut record);
         }
     }
 
-    /// Returns the forecast for each node of a task, each with the hash of the node's inputs.
+    /// Returns the forecast for each node of a task, together with a hash that identifies the node and its inputs.
     pub(crate) fn forecast(&self, session: &mut Session, task: &Task) -> Vec<(Hash, Forecast)> {
         let LoadedTask { graph: Some(graph), .. } = self.load(session, task) else {
             return Vec::new();
@@ -191,10 +191,10 @@ impl Batch<'_> {
         Ok((session.bind_inputs(graph, &values)?, warnings))
     }
 
-    /// Runs a task and writes outputs, picture and record. Returns `None` if it was cancelled.
+    /// Runs a task, and writes its outputs, its picture and its record. Returns `None` if the task was cancelled.
     ///
     /// # Errors
-    /// A message if the record cannot be written.
+    /// A message if the record of the task cannot be written.
     pub(super) fn run(
         &self,
         session: &mut Session,
@@ -257,7 +257,7 @@ impl Batch<'_> {
         Ok(Some(record))
     }
 
-    /// Returns the error of a task that exceeded its time limit.
+    /// Returns the error that a task has exceeded its time limit.
     fn timeout_error(&self) -> Diagnostic {
         let limit = format_time(self.time_limit.unwrap_or_default());
         let location = (self.sweep.source.clone(), Span::default());
@@ -281,7 +281,7 @@ impl Batch<'_> {
         session.recall(&folder);
         let produced = match session.produce(graph, &[], &folder, observer, cancel) {
             Ok(produced) => produced,
-            // The only possible error is an unknown output name, and no output is named here.
+            // An error is impossible, because it would be about an unknown output name, and no names are given.
             Err(_) => return TaskResult::default(),
         };
         let picture = self.picture(session, graph, cancel);
@@ -301,7 +301,7 @@ impl Batch<'_> {
         OutputFolder::of_task(&folder, self.is_chosen_folder, self.has_provenance).keeping(inputs)
     }
 
-    /// Describes a file that was just written.
+    /// Describes a file that has just been written.
     fn written_output(&self, name: &str, path: &Path, bytes: usize, hash: Hash) -> Output {
         let own = path.strip_prefix(self.out).unwrap_or(path);
         let parts = own.components().map(|part| part.as_os_str().to_string_lossy());
@@ -343,7 +343,7 @@ impl Batch<'_> {
         Some(bytes)
     }
 
-    /// Removes temporary files that killed processes left among the records. This is called once per batch, because there may be many
+    /// Removes temporary files that killed processes left in the folder of records. This is done once per batch, because there may be many
     /// records.
     pub(super) fn sweep_records(&self) {
         let (root, sources) = (self.out.join(super::record::FOLDER), Sources::default());
@@ -371,7 +371,7 @@ struct TaskResult {
     diagnostics: Vec<Diagnostic>,
 }
 
-/// Returns the layers to draw: those of the first value with faces, otherwise those of the first visible value.
+/// Returns the layers to draw: those of the first value with faces, or else those of the first visible value.
 fn visible_layers(finished: &RunResult, names: &[String]) -> Option<Vec<maquette_value::Layer>> {
     let values = || names.iter().filter_map(|name| finished.value(name));
     let solid = values().find(|value| value.as_mesh().is_some()).map(|value| value.show());
@@ -390,7 +390,7 @@ fn counts(trace: &RunTrace) -> BTreeMap<String, usize> {
     counts.filter(|(_, count)| 0 < *count).collect()
 }
 
-/// Returns the default folder for results: `out/doll.sweep` for `graphs/doll.sweep.ron`, or `out/doll.sweep-draft` for drafts.
+/// Returns the default folder for results. For `graphs/doll.sweep.ron`, it is `out/doll.sweep`, or `out/doll.sweep-draft` for drafts.
 pub(crate) fn default_folder(sweep: &Path, is_draft: bool) -> PathBuf {
     let mut name = sweep.file_stem().unwrap_or_default().to_owned();
     if is_draft {

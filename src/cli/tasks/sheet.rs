@@ -1,4 +1,4 @@
-//! The contact sheet of a batch: one page with a picture of each task, generated only from records.
+//! The contact sheet of a batch: a page with a picture of each task. It is generated only from the records of tasks.
 
 use std::path::{Path, PathBuf};
 
@@ -13,11 +13,11 @@ use serde_json::{Value as Json, json};
 use super::Batch;
 use super::record::{Record, State, text_field, write_error};
 
-/// The template of the page, with the placeholders `@@style@@`, `@@data@@` and `@@script@@`.
+/// The template of the page. It contains the placeholders `@@style@@`, `@@data@@` and `@@script@@`.
 const PAGE: &str = include_str!("sheet/sheet.html");
 const STYLE: &str = include_str!("sheet/sheet.css");
 
-/// The modules of the page's script. Each module comes after those that it needs while it is loaded.
+/// The JavaScript modules of the page. Each comes after the modules that it needs while it is loaded.
 const SCRIPTS: [&str; 9] = [
     include_str!("sheet/element.js"),
     include_str!("sheet/data.js"),
@@ -31,14 +31,14 @@ const SCRIPTS: [&str; 9] = [
 ];
 
 impl Batch<'_> {
-    /// Writes the page from the existing records and returns the path of the page.
+    /// Writes the page from the records that exist, and returns its path.
     ///
     /// # Errors
     /// A message if the page cannot be written.
     pub(crate) fn write_sheet(&self) -> Result<PathBuf, String> {
         let path = self.out.join("index.html");
         let page = page(self.sweep, self.out, self.options.draft);
-        // An unchanged page is not written, because the folder may be read-only.
+        // Do not write an unchanged page, because the folder may be read-only.
         if fs::read_no_follow(&path).is_ok_and(|there| there == page.as_bytes()) {
             return Ok(path);
         }
@@ -48,7 +48,7 @@ impl Batch<'_> {
     }
 }
 
-/// Returns the page of a sweep with the records in this folder. Tasks without a record have the state `missing`.
+/// Returns the HTML page of a sweep, from the records in the folder `out`. A task without a record has the state `missing`.
 fn page(sweep: &Sweep, out: &Path, is_draft: bool) -> String {
     let title = sweep.source.name.file_name().unwrap_or_default().to_string_lossy();
     let graph = sweep.graph.file_name().unwrap_or_default().to_string_lossy();
@@ -70,7 +70,7 @@ fn page(sweep: &Sweep, out: &Path, is_draft: bool) -> String {
         "size": [width.0, height.0],
         "tasks": Vec::from_iter(tasks),
     });
-    // `<` is escaped, because text in the data must not end the script element.
+    // Escape `<`, so that no text in the data can end the script element.
     let data = escape_json(&data.to_string()).replace('<', "\\u003c");
     let script = script();
     let mut page = String::with_capacity(PAGE.len() + script.len() + STYLE.len() + data.len());
@@ -85,7 +85,7 @@ fn page(sweep: &Sweep, out: &Path, is_draft: bool) -> String {
     page
 }
 
-/// Joins all modules into one script without imports and exports.
+/// Joins all modules into one script, and removes their imports and exports.
 fn script() -> String {
     let lines = SCRIPTS.iter().flat_map(|script| script.lines());
     let lines = lines.filter(|line| !line.starts_with("import "));
@@ -115,7 +115,7 @@ fn file_json(output: &super::record::Output) -> Json {
 }
 
 fn problem_json(problem: &Json) -> Json {
-    // A diagnostic about a whole task has a file without a line, or no file at all.
+    // A diagnostic about a whole task has no line, and possibly no file.
     let file = problem["file"].as_str().filter(|file| !file.is_empty()).map(str::to_owned);
     let numbers = ["line", "column"].iter().map_while(|name| problem[*name].as_u64());
     let position =

@@ -1,5 +1,5 @@
-//! The list of tasks that is handed over to a farm. A job identifies a task by its index and the list by its hash, so command lines
-//! contain no user-defined names. If the list no longer matches the sweep, the job runs nothing.
+//! The list of tasks that is handed over to a render farm. A job receives the index of its task and the hash of the list, so command lines
+//! contain no names given by users. If the list no longer matches the sweep, the job runs nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -15,34 +15,34 @@ use super::Batch;
 use super::record::{FOLDER, Record, write_error};
 use crate::DisplayPath;
 
-/// The folder of task lists, in the folder of records. No record can have this name, because task names contain no `@`.
+/// The subfolder for lists of tasks, in the folder of records. No record can have this name, because the names of tasks contain no `@`.
 const LISTS: &str = "@handovers";
 
-/// The number of digits of the hash in the name of a list.
+/// The number of digits of the hash by which a list is named.
 pub(crate) const HASH_DIGITS: usize = 16;
 
-/// The maximum number of names that a message lists for each kind of change.
+/// The maximum number of task names that a message lists for each kind of change.
 const MAX_NAMED: usize = 4;
 
-/// All tasks of a sweep at the time of the handover.
+/// All tasks of a sweep at the time when they are handed over to a farm.
 #[derive(Debug, Deserialize, PartialEq, Serialize)]
 struct TaskList {
-    /// The version of the format: 1.
+    /// The version of the file format, which is 1.
     format: u32,
-    /// The path of the graph, relative to the sweep.
+    /// The path of the graph, relative to the folder of the sweep.
     graph: String,
     tasks: Vec<ListedTask>,
 }
 
-/// A task in a list, with all values in which it can differ from other tasks.
+/// A task in the list, with everything in which it may differ from other tasks.
 #[derive(Debug, Deserialize, PartialEq, Serialize)]
 struct ListedTask {
     name: String,
-    /// The swept values by name, as written in the sweep.
+    /// The swept values, as written in the sweep, by name.
     values: Vec<(String, String)>,
-    /// The values that the task sets, by the parameter or field that is set.
+    /// The values that the task sets, by the name of the parameter or field.
     set: Vec<(String, String)>,
-    /// The input files, by the name of the graph's input; the paths are relative to the sweep.
+    /// The input files, by the name of the graph's input. Paths are relative to the folder of the sweep.
     inputs: Vec<(String, String)>,
 }
 
@@ -55,7 +55,7 @@ impl TaskList {
             let set = task.row.set.iter().map(|set| (set.target.clone(), set.text.clone()));
             let inputs = task.row.inputs.iter();
             let inputs = inputs.map(|(name, file)| (name.clone(), path_between(&folder, file)));
-            // The order of the pairs has no meaning; sorting makes lists comparable.
+            // Sort the pairs, because their order has no meaning and lists are compared.
             fn sort_pairs(mut all: Vec<(String, String)>) -> Vec<(String, String)> {
                 all.sort();
                 all
@@ -76,7 +76,7 @@ impl TaskList {
         serde_json::from_slice(&bytes).ok().filter(|it: &Self| it.format == 1)
     }
 
-    /// Returns the bytes of the list and its hash.
+    /// Returns the content of the file of the list, and its hash.
     fn to_bytes(&self) -> (Vec<u8>, String) {
         let mut bytes = serde_json::to_vec_pretty(self).unwrap_or_default();
         bytes.push(b'\n');
@@ -89,7 +89,7 @@ impl TaskList {
         self.tasks.iter().map(|task| (&task.name[..], task)).collect()
     }
 
-    /// Describes the differences between this list and the present list, `now`.
+    /// Describes how the present list `now` differs from this one.
     fn changes(&self, now: &Self) -> String {
         let (before, after) = (self.by_name(), now.by_name());
         let is_new = |task: &&ListedTask| !before.contains_key(&task.name[..]);
@@ -127,12 +127,12 @@ impl TaskList {
 }
 
 impl ListedTask {
-    /// Returns all fields except the name.
+    /// Returns everything in the task except its name.
     fn content(&self) -> [&[(String, String)]; 3] {
         [&self.values, &self.set, &self.inputs]
     }
 
-    /// Describes the first value that differs between this task and another task with the same name.
+    /// Describes the first value in which this task differs from another one with the same name.
     fn difference(&self, other: &Self) -> String {
         let difference =
             self.content().into_iter().zip(other.content()).find_map(|(own, others)| {
@@ -150,7 +150,7 @@ impl ListedTask {
     }
 }
 
-/// Joins the names of a list for a message. Of a long list, joins only the first names.
+/// Joins names for a message. If there are too many, only the first ones are named.
 fn join_names(names: &[String]) -> String {
     let shown = names.iter().take(MAX_NAMED).cloned();
     let rest = names.len().saturating_sub(MAX_NAMED);
@@ -167,17 +167,17 @@ impl Batch<'_> {
         self.lists().join(format!("{hash}.json"))
     }
 
-    /// Returns the folder with the logs of the tasks in the list with this hash.
+    /// Returns the folder for the logs of the tasks in the list with this hash.
     pub(crate) fn logs(&self, hash: &str) -> PathBuf {
         self.lists().join(hash)
     }
 
-    /// Returns the path of the log of a task, `None` if it was not handed over.
+    /// Returns the path of the log of a task, or `None` if the task was not handed over to a farm.
     pub(super) fn log_path(&self, task: &Task) -> Option<PathBuf> {
         Some(self.logs(self.handover?).join(format!("{}.log", task.name)))
     }
 
-    /// Writes the list of tasks and returns its hash. Each job compares the list with its own tasks.
+    /// Writes the list of tasks, and returns its hash. Each job compares this list with the tasks of the sweep.
     ///
     /// # Errors
     /// A message if the list cannot be written.
@@ -186,22 +186,22 @@ impl Batch<'_> {
         let path = self.list_path(&hash);
         let written = self.destination(&Sources::default()).put(&path, &bytes);
         written.map_err(|why| write_error(&path, &why))?;
-        // Logs of an earlier handover of the same tasks are removed.
+        // Remove the logs of an earlier handover of the same tasks.
         writing::remove_logs(&self.logs(&hash));
         Ok(hash)
     }
 
-    /// Compares the tasks with those that were handed over.
+    /// Checks that the tasks are the same as those in the list with this hash.
     ///
     /// # Errors
-    /// A message with the differences.
+    /// A message that describes the differences.
     pub(crate) fn check_handover(&self, hash: &str) -> Result<(), String> {
         let now = TaskList::from_sweep(self.sweep);
         if now.to_bytes().1 == hash {
             return Ok(());
         }
         let path = self.list_path(hash);
-        // If the list has another hash than its name says, someone has modified it.
+        // Ignore a list whose hash differs from its name, because it was modified.
         let before = TaskList::read(&path).filter(|list| list.to_bytes().1 == hash);
         let changes = match before {
             Some(before) => before.changes(&now),
@@ -219,7 +219,7 @@ impl Batch<'_> {
         ))
     }
 
-    /// Returns the names of tasks that are in no list and have not been run on this machine. Returns an empty list if no list exists.
+    /// Returns the names of the tasks that are in no list and have not been run on this machine. If there are no lists, returns nothing.
     pub(crate) fn never_handed_over(&self) -> Vec<String> {
         let files = fs::read_dir(self.lists()).into_iter().flatten().flatten();
         let lists: Vec<_> = files.filter_map(|file| TaskList::read(&file.path())).collect();
@@ -233,7 +233,7 @@ impl Batch<'_> {
             lists.iter().flat_map(|list| &list.tasks).map(|task| &task.name[..]).collect();
         let is_listed =
             |task: &ListedTask| by_name.iter().any(|list| list.get(&task.name[..]) == Some(&task));
-        // A record with other values belongs to a former task of the same name.
+        // Compare the values, too: a record with other values belongs to an earlier task of the same name.
         fn was_run(task: &ListedTask, known: &BTreeSet<&str>, out: &Path) -> bool {
             let record = Record::read(out, &task.name);
             !known.contains(&task.name[..])
@@ -248,7 +248,7 @@ impl Batch<'_> {
     }
 }
 
-/// Returns the message for tasks that were never handed over; `all` is the number of all tasks.
+/// Returns the message about tasks that were never handed over to a farm. `all` is the number of tasks in the sweep.
 pub(crate) fn never_handed_over_message(missing: &[String], all: usize) -> String {
     let names: Vec<_> = missing.iter().map(|name| format!("`{name}`")).collect();
     format!(

@@ -7,16 +7,16 @@ use std::time::{Duration, Instant};
 
 use maquette_node::CancelToken;
 
-/// Cancels a task when its time is over or all tasks are cancelled.
+/// Cancels a task when its time is over, or when all tasks are cancelled.
 pub(super) struct TimeLimit {
     token: CancelToken,
     is_over: Arc<AtomicBool>,
-    /// Connects to the thread that measures the time; the thread ends when this sender is dropped.
+    /// The connection to the thread that measures the time. The thread ends when this sender is dropped.
     _clock: Option<Sender<()>>,
 }
 
 impl TimeLimit {
-    /// The interval at which the thread checks if all tasks are cancelled.
+    /// The interval at which the thread checks if all tasks have been cancelled.
     const CHECK_INTERVAL: Duration = Duration::from_millis(20);
 
     pub(super) fn start(limit: Option<Duration>, all: &CancelToken) -> Self {
@@ -45,16 +45,16 @@ impl TimeLimit {
         &self.token
     }
 
-    /// Returns true if the task was cancelled because its time was over.
+    /// Returns true if the task was cancelled because it exceeded its time limit.
     pub(super) fn is_over(&self) -> bool {
         self.is_over.load(Ordering::Relaxed)
     }
 }
 
-/// Parses a time: `90s`, `30min`, `1h 30min`.
+/// Parses a time such as `90s`, `30min` or `1h 30min`.
 ///
 /// # Errors
-/// A message if the text is not a time, or if the time is zero.
+/// A message if the text is not a time, or the time is zero.
 pub(crate) fn parse_time(text: &str) -> Result<Duration, String> {
     let wrong = || format!("expected a time such as 90s, 30min or 2h, found `{text}`");
     let (mut seconds, mut rest) = (0.0, text.trim());
@@ -76,7 +76,7 @@ pub(crate) fn parse_time(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(seconds).ok().filter(|time| !time.is_zero()).ok_or_else(wrong)
 }
 
-/// Formats a time in the form that [`parse_time`] parses.
+/// Formats a time so that [`parse_time`] can parse it.
 pub(crate) fn format_time(time: Duration) -> String {
     let seconds = time.as_secs();
     if time.subsec_nanos() != 0 {

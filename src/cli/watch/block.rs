@@ -1,4 +1,4 @@
-//! The block of text that a watch shows on a terminal: diagnostics above, the status of the last run below.
+//! The block of text that a watch shows on a terminal: the diagnostics, and below them the status of the last run.
 
 use std::path::Path;
 
@@ -12,23 +12,23 @@ use crate::terminal::wrap;
 use crate::{column_width, count_severity};
 use crate::{format_count, in_bytes};
 
-/// The maximum number of rows for a list of names in the status. It leaves room for diagnostics.
+/// The maximum number of rows for a list of names in the status, so that the diagnostics have room.
 const MAX_ROWS: usize = 3;
 
-/// The content of the block.
+/// The information that the block shows.
 #[derive(Default)]
 pub(super) struct Block {
-    /// The path of the graph, as given by the user.
+    /// The path of the graph, as the user has given it.
     pub(super) graph: String,
     pub(super) folder: String,
-    /// The link to the live page, if a page is served.
+    /// The link to the live page; `None` if there is no page.
     pub(super) link: Option<String>,
-    /// The reason why the page was not opened in a browser.
+    /// The reason why the live page could not be opened in a browser.
     pub(super) browser_failure: Option<String>,
     pub(super) watched_files: usize,
-    /// The reason why files are polled, or `None` if the system reports changes.
+    /// The reason why files are polled; `None` if the operating system reports changes.
     pub(super) polling_reason: Option<String>,
-    /// The present diagnostics.
+    /// The current diagnostics.
     pub(super) diagnostics: Vec<Diagnostic>,
     /// The number of the current run, counted from 1.
     pub(super) run: usize,
@@ -36,18 +36,18 @@ pub(super) struct Block {
     pub report: Option<Report>,
     /// The number of the last run without errors.
     pub(super) last_good_run: Option<usize>,
-    /// True while run `run` is in progress.
+    /// True while the run with the number `run` is in progress.
     pub(super) is_running: bool,
-    /// The name of the running node, and the completed fraction of its work if it is known.
+    /// The name of the running node, and the finished fraction of its work (0 to 1) if it is known.
     pub(super) node: Option<(String, Option<f64>)>,
-    /// Messages about nodes that continue to run after a cancellation.
+    /// Messages about nodes that still run after a cancellation.
     pub(super) unresponsive: Vec<String>,
-    /// The error of the user's last command.
+    /// The error of the user's command, if its last call failed.
     pub(super) command_failure: Option<String>,
     pub(super) shows_profile: bool,
 }
 
-/// Formats text for a terminal: with colors if the field is true, otherwise plain.
+/// Formats text for a terminal. The text is colored if the field is true, and plain otherwise.
 #[derive(Clone, Copy)]
 struct Paint(bool);
 
@@ -75,11 +75,11 @@ impl Paint {
 }
 
 impl Block {
-    /// Returns the rows of the block for a terminal of this size.
+    /// Returns the rows of the block for a terminal with this width and height.
     pub(super) fn rows(&self, (width, height): (usize, usize), color: bool) -> Vec<String> {
         let paint = Paint(color);
         let mut status = vec![self.head_row(paint)];
-        // The report is shown only if it belongs to the current run.
+        // Show the report only if it is about the current run.
         match self.report.as_ref().filter(|report| report.run == self.run) {
             Some(report) if self.shows_profile => status.extend(profile_rows(report, width, paint)),
             Some(report) => status.extend(summary_rows(report, &self.folder, width, paint)),
@@ -95,7 +95,7 @@ impl Block {
         status.push(self.foot_row(paint));
         let mut status: Vec<String> = status.iter().flat_map(|row| wrap(row, width)).collect();
         if status.len() > height {
-            // If the terminal is too low, rows in the middle are dropped; the first row (result) and the last row (keys) stay as long as
+            // If the terminal is too low, drop rows in the middle. Keep the first row (the result) and the last row (the keys) as long as
             // possible.
             let too_many = status.len() - height;
             let last = status.len() - 1;
@@ -144,7 +144,7 @@ impl Block {
         paint.dim(&format!("watching {}   {keys}", format_count(self.watched_files, "file")))
     }
 
-    /// Returns as many diagnostics as fit into `height` rows, then the number of diagnostics that do not fit, and an empty row.
+    /// Returns the diagnostics that fit into `height` rows, followed by the number of the others and an empty row.
     fn diagnostic_rows(&self, width: usize, height: usize, color: bool) -> Vec<String> {
         let mut rows = Vec::new();
         for (index, diagnostic) in self.diagnostics.iter().enumerate() {
@@ -176,7 +176,7 @@ fn milliseconds(seconds: f64) -> String {
     if seconds < 10.0 { format!("{:.0} ms", seconds * 1e3) } else { format!("{seconds:.1} s") }
 }
 
-/// Summarizes a run: the number of nodes by state, and the written files.
+/// Summarizes a run: the number of nodes in each state, and the written files.
 fn summary_rows(report: &Report, folder: &str, width: usize, paint: Paint) -> Vec<String> {
     let nodes = |state: State| report.trace.0.iter().filter(move |node| node.state == state);
     let names = |state| nodes(state).map(|node| node.name.clone()).collect::<Vec<_>>();
@@ -207,7 +207,7 @@ fn summary_rows(report: &Report, folder: &str, width: usize, paint: Paint) -> Ve
     rows
 }
 
-/// Formats a list as `label  one, two, three`. If some items do not fit, their number follows.
+/// Formats a list as `label  one, two, three`. If not all items fit, the number of the others is appended.
 fn list_rows(label: &str, items: &[String], width: usize, paint: Paint) -> Vec<String> {
     const INDENT: usize = 10;
     let room = width.saturating_sub(INDENT + " and 1000 more".len()).max(1);
@@ -233,7 +233,7 @@ fn list_rows(label: &str, items: &[String], width: usize, paint: Paint) -> Vec<S
     labels.zip(&rows).map(|(label, row)| label + row).collect()
 }
 
-/// Formats a table of nodes with time, memory and the reason why each was run.
+/// Formats a table of the nodes that ran, with time, memory and the reason.
 fn profile_rows(report: &Report, width: usize, paint: Paint) -> Vec<String> {
     let nodes = &report.trace.0;
     let longest = column_width(nodes.iter().map(|node| node.name.len()));

@@ -6,11 +6,11 @@ use std::time::{Duration, Instant};
 
 use super::launch::{find, split_words, start};
 
-/// If a browser command fails within this time, it has not opened the page.
+/// The time within which a browser command must not fail. If it does, it has not opened the page.
 const MIN_FAILURE_TIME: Duration = Duration::from_secs(5);
 
-/// Opens a file in the browser of `$BROWSER` or in the default browser, without waiting for the browser. Calls `failed` with the reason
-/// if the file cannot be opened.
+/// Opens a file in the browser of `$BROWSER` or in the default browser, without waiting for the browser to end. If that fails, calls
+/// `failed` with the reason.
 pub(super) fn open(file: &Path, failed: impl FnOnce(&str) + Send + 'static) {
     let commands = commands(file);
     std::thread::spawn(move || {
@@ -20,7 +20,7 @@ pub(super) fn open(file: &Path, failed: impl FnOnce(&str) + Send + 'static) {
     });
 }
 
-/// Returns the commands that may open a file, in the order in which they are tried.
+/// Returns the commands that may open a file. They are tried in this order.
 fn commands(file: &Path) -> Result<Vec<Command>, String> {
     match std::env::var("BROWSER") {
         Ok(named) if !named.trim().is_empty() => Ok(browser_commands(&named, file)),
@@ -29,7 +29,7 @@ fn commands(file: &Path) -> Result<Vec<Command>, String> {
     }
 }
 
-/// Parses `$BROWSER` in the form of `xdg-open`: commands separated by `:`, with `%s` for the file.
+/// Parses the variable `$BROWSER` as `xdg-open` does: commands separated by `:`, with `%s` in place of the file.
 fn browser_commands(named: &str, file: &Path) -> Vec<Command> {
     let separator = if cfg!(windows) { '\n' } else { ':' };
     fn parse_command(text: &str, file: &Path) -> Option<Command> {
@@ -50,7 +50,7 @@ fn browser_commands(named: &str, file: &Path) -> Vec<Command> {
     named.split(separator).filter_map(|text| parse_command(text, file)).collect()
 }
 
-/// Returns true if a graphical browser can open a window. A text browser would use the terminal of the watch.
+/// Returns true if a graphical browser can open a window. A text browser would take over the terminal of the watch.
 fn has_display() -> bool {
     let names = ["DISPLAY", "WAYLAND_DISPLAY", "WSL_DISTRO_NAME"];
     cfg!(any(windows, target_os = "macos"))

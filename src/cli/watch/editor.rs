@@ -1,6 +1,6 @@
-//! Opens the user's editor at a position in a file: `$MAQUETTE_EDITOR`, `$VISUAL`, or `code`.
+//! Opens a position in a file in the user's editor: `$MAQUETTE_EDITOR`, `$VISUAL`, or `code`.
 //!
-//! Common editors are known by name, with the arguments that open a position. For other editors the user must give a template. The
+//! Common editors are known by name, with the arguments that open a position. For any other editor the user must give a template. The
 //! editor is started without a shell, so file names need no quoting.
 
 use std::path::Path;
@@ -12,14 +12,14 @@ use super::launch::{find, split_words, start};
 
 const VARIABLE: &str = "MAQUETTE_EDITOR";
 
-/// The arguments with which an editor opens a file at a position.
+/// The way in which an editor is started to open a position in a file.
 #[derive(Clone, Copy)]
 enum Form {
-    /// The arguments of an editor that has its own window.
+    /// An editor with its own window, and its arguments.
     Arguments(&'static [&'static str]),
-    /// The arguments of an editor that runs in a terminal.
+    /// An editor that runs in a terminal, and its arguments.
     Terminal(&'static [&'static str]),
-    /// The arguments of an editor that has its own window, unless one of the options in the second list makes it run in a terminal.
+    /// An editor with its own window, and its arguments. The options in the second list make it run in a terminal.
     Asked(&'static [&'static str], &'static [&'static str]),
 }
 
@@ -31,7 +31,7 @@ const NO_WINDOW: &[&str] = &["-nw", "--no-window-system", "-t", "--tty", "-tty"]
 const LINE: Form = Form::Arguments(&["+{line}", "{file}"]);
 const LONG: Form = Form::Arguments(&["--line", "{line}", "--column", "{column}", "{file}"]);
 
-/// Known editors by program name.
+/// The known editors, by the name of the program.
 const EDITORS: &[(&str, Form)] = &[
     ("code", GOTO),
     ("code-insiders", GOTO),
@@ -75,7 +75,7 @@ const EDITORS: &[(&str, Form)] = &[
     ("notepad++", Form::Arguments(&["-n{line}", "-c{column}", "{file}"])),
 ];
 
-/// Opens the editor at a position without waiting for the editor. Calls `failed` with the reason if the editor cannot be started.
+/// Opens a position in the editor, without waiting for the editor to end. If it cannot be started, calls `failed` with the reason.
 pub(super) fn open(place: &Location, failed: impl FnOnce(String) + Send + 'static) {
     fn variable(name: &str) -> Option<String> {
         std::env::var(name).ok().filter(|text| !text.trim().is_empty())
@@ -104,13 +104,13 @@ pub(super) fn open(place: &Location, failed: impl FnOnce(String) + Send + 'stati
     });
 }
 
-/// Returns the command line that opens an editor at a position, or the reason why the editor cannot be used.
+/// Returns the command line that opens a position in an editor. The error is the reason why the editor cannot be used.
 fn command_words(editor: &[String], place: &Location) -> Result<Vec<String>, String> {
     let Some(program) = editor.first() else { return Err("the editor has no name".into()) };
-    // The path is made absolute, because a path that begins with `-` would be read as an option.
+    // Make the path absolute, because a path that begins with `-` would be taken for an option.
     let file = std::path::absolute(&place.file).unwrap_or_else(|_| place.file.clone());
     fn fill(word: &str, file: &Path, place_line: usize, place_column: usize) -> String {
-        // `{file}` is replaced last, because the name of the file may contain braces.
+        // Replace `{file}` last, because the name of the file may contain braces.
         let word = word.replace("{line}", &place_line.to_string());
         word.replace("{column}", &place_column.to_string())
             .replace("{file}", &file.to_string_lossy())
@@ -118,7 +118,7 @@ fn command_words(editor: &[String], place: &Location) -> Result<Vec<String>, Str
     if editor.iter().any(|word| word.contains("{file}")) {
         return Ok(editor.iter().map(|word| fill(word, &file, place.line, place.column)).collect());
     }
-    // In `xterm -e vim` the known editor is the last word; it runs in a terminal of its own.
+    // In `xterm -e vim`, the known editor is the last word, and runs in a terminal of its own.
     let known = editor.iter().rev().find_map(|word| find_form(word).map(|form| (word, form)));
     let is_alone = known.is_some_and(|(word, _)| word == program);
     let arguments = match known {
@@ -141,7 +141,7 @@ fn command_words(editor: &[String], place: &Location) -> Result<Vec<String>, Str
         .collect())
 }
 
-/// Returns the arguments of an editor that is known by its program name.
+/// Returns the way in which an editor is started, if the name of its program is known.
 fn find_form(program: &str) -> Option<Form> {
     let name = Path::new(program).file_name()?.to_string_lossy().to_lowercase();
     let name =
@@ -160,7 +160,7 @@ fn needs_a_terminal(program: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Returns the command that opens line 3, column 5 of a file, with ` | ` between its words.
+    /// Returns the command that opens a file at line 3 and column 5. Its words are separated by ` | `.
     fn command(editor: &str) -> String {
         let file = if cfg!(windows) { "C:\\a b.ron" } else { "/a b.ron" };
         let place = Location { file: file.into(), line: 3, column: 5 };

@@ -3,16 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// Starts a program that does not depend on the watch and its terminal.
+/// Starts a program that does not depend on the watch or its terminal.
 pub(super) fn start(command: &mut Command) -> std::io::Result<Child> {
     #[cfg(unix)]
-    // The new process group does not receive Ctrl-C from the terminal of the watch.
+    // Put the program into a new process group, so that Ctrl-C in the terminal of the watch does not end it.
     std::os::unix::process::CommandExt::process_group(command, 0);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn()
 }
 
-/// Splits a command line at spaces outside of quotes, as a shell does. If the text is the path of an existing file, it is one word,
-/// even with spaces.
+/// Splits a command line at spaces outside of quotes, as a shell does. If the whole text is the path of an existing file, it is one word.
 pub(super) fn split_words(text: &str) -> Vec<String> {
     if Path::new(text).is_file() {
         return vec![text.to_owned()];
@@ -33,7 +32,7 @@ pub(super) fn split_words(text: &str) -> Vec<String> {
     words
 }
 
-/// Finds a program by its path or in `$PATH`.
+/// Returns the path of a program, which is given by its path or searched in `$PATH`.
 pub(super) fn find(program: &str) -> Option<PathBuf> {
     let endings: &[&str] = if cfg!(windows) { &["", ".exe", ".cmd", ".bat"] } else { &[""] };
     fn find_in_folder(folder: &Path, program: &str, endings: &[&str]) -> Option<PathBuf> {

@@ -1,7 +1,7 @@
-//! `--on-done`: runs a command of the user after each successful run.
+//! `--on-done`: runs a command of the user after each successful run of the graph.
 //!
-//! The watch does not wait for the command. Only one instance of the command runs at a time: if further runs of the graph end
-//! meanwhile, the command is started once more after it has ended.
+//! The watch does not wait for the command. Only one instance of the command runs at a time. If the graph is run again in the meantime, the
+//! command is started once more after it has ended.
 
 use std::path::PathBuf;
 use std::process::{Command, ExitStatus, Stdio};
@@ -11,16 +11,16 @@ use super::Message;
 pub(super) struct OnDone {
     command: String,
     folder: PathBuf,
-    /// True if the output of the command is captured for the status display, false if it is written to stderr.
+    /// True if the output of the command is captured for the block on the terminal, false if it goes to stderr.
     captures_output: bool,
     is_running: bool,
     must_restart: bool,
 }
 
-/// The result of the command.
+/// The result of the user's command.
 pub(super) struct CommandResult {
     pub(super) status: std::io::Result<ExitStatus>,
-    /// The last line that the command printed, if its output was captured.
+    /// The last line that the command printed. Empty if the output was not captured.
     pub(super) last_line: String,
 }
 
@@ -30,7 +30,7 @@ impl OnDone {
         Self { command, folder, captures_output: quiet, is_running: false, must_restart: false }
     }
 
-    /// Starts the command. If the command is still running, records that it must be started again.
+    /// Starts the command. If it is still running, records that it must be started once more.
     pub(super) fn start(&mut self, sink: impl FnOnce(Message) + Send + 'static) {
         if self.is_running {
             self.must_restart = true;
@@ -41,13 +41,13 @@ impl OnDone {
         std::thread::spawn(move || sink(Message::CommandEnded(run(&mut command, quiet))));
     }
 
-    /// Records that the command has ended. Returns true if the command must be started again.
+    /// Records that the command has ended. Returns true if it must be started once more.
     pub(super) fn finish(&mut self) -> bool {
         self.is_running = false;
         std::mem::take(&mut self.must_restart)
     }
 
-    /// Runs the command and waits for it.
+    /// Runs the command and waits until it ends.
     pub(super) fn run_and_wait(&self) -> CommandResult {
         run(&mut self.command(), self.captures_output)
     }
@@ -63,7 +63,7 @@ impl OnDone {
         let mut command = {
             use std::os::windows::process::CommandExt;
             let mut command = Command::new("cmd");
-            // `cmd` does not parse quotes as other programs do, so the command is passed unchanged.
+            // Pass the command unchanged, because `cmd` does not parse quotes as other programs do.
             command.arg("/C").raw_arg(&self.command);
             command
         };
@@ -74,7 +74,7 @@ impl OnDone {
 
 fn run(command: &mut Command, quiet: bool) -> CommandResult {
     if !quiet {
-        // The command writes to stderr, because stdout is reserved for the watch.
+        // Let the command write to stderr, because stdout is reserved for the watch.
         let status = command.stdout(std::io::stderr()).status();
         return CommandResult { status, last_line: String::new() };
     }
@@ -89,7 +89,7 @@ fn run(command: &mut Command, quiet: bool) -> CommandResult {
 }
 
 impl CommandResult {
-    /// Returns a message if the command failed, `None` if it succeeded.
+    /// Returns an error message if the command failed, or `None` if it succeeded.
     pub(super) fn failure(&self) -> Option<String> {
         let why = match &self.status {
             Ok(status) if status.success() => return None,

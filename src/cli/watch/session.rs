@@ -1,8 +1,8 @@
-//! A running watch. One thread handles messages, and another thread evaluates.
+//! A running watch. The main thread handles messages, and another thread evaluates.
 //!
-//! A changed graph is checked at once; the evaluation waits until the change is complete ([`Batch`]). A newer change cancels the
-//! running evaluation, unless the change leaves the meaning of the graph unchanged. Outputs are written and the user's command is started
-//! after a time without changes ([`Series`]); live pages show values before that.
+//! A changed graph is checked at once. The evaluation waits until the change is complete ([`Batch`]). A newer change cancels it, unless
+//! that change does not affect the meaning of the graph. After some time without changes, outputs are written and the user's command is
+//! started ([`Series`]). Live pages show values before that.
 
 use std::collections::BTreeSet;
 use std::iter;
@@ -35,55 +35,55 @@ mod state;
 use page::Change;
 use state::{Check, Running, is_partial, return_to};
 
-/// A running watch.
+/// The state of a running `maquette watch`.
 pub(super) struct Session<'a> {
     command: &'a Watch,
     catalog: &'a Catalog,
     sources: Sources,
-    /// The input files of the graph, as of the last time when the graph was readable.
+    /// The input files of the graph, when it could last be read.
     files: Vec<ReadFile>,
     /// The graphs that the watched graph uses.
     subgraphs: Vec<PathBuf>,
     /// True if the graph reads files outside of its project.
     has_outside_files: bool,
-    /// The files that were last reported as watched, and the reason for polling.
+    /// The list of watched files and the reason for polling that were last reported.
     reported_files: Option<(Vec<PathBuf>, Option<String>)>,
     contents: Contents,
     batch: Batch,
     series: Series,
     /// The folder in which the watch was started.
     start_folder: PathBuf,
-    /// True if the graph has errors and the end of the run with these errors has not been reported yet.
+    /// True if the graph has errors, and the end of the run with these errors has not been reported yet.
     has_unreported_errors: bool,
-    /// The time at which the user's command is started, unless a newer change arrives.
+    /// The time at which the user's command is started, unless a newer change arrives before.
     command_time: Option<Instant>,
-    /// True if the graph once had no nodes of unknown types. Then pages keep showing the complete graph while the user types the name
-    /// of a node type.
+    /// True if the graph once had only nodes of known types. Then pages keep showing that graph while the user types the name of a node
+    /// type.
     was_complete: bool,
     check: Check,
-    /// True if the next run must compute all nodes, without cached results.
+    /// True if the next run must compute all nodes and use no cached results.
     recompute: bool,
-    /// The changed files because of which a run must be started; `None` if no run is requested.
+    /// The changed files that require a new run; `None` if no run is required.
     requested: Option<Vec<PathBuf>>,
     /// The running evaluation.
     running: Option<Running>,
-    /// The values that the live pages show.
+    /// The outputs whose values live pages show.
     views: Views,
-    /// True if the values that live pages show must be evaluated.
+    /// True if the values for live pages must be evaluated again.
     has_due_views: bool,
-    /// The drag on a live page. Other evaluations wait until it ends.
+    /// The drag of a parameter on a live page. Other evaluations wait until it ends.
     drag: Drag,
-    /// The changes that live pages made to the graph file, the latest last.
+    /// The changes of the graph file that live pages have made, the latest last.
     changes: Vec<Change>,
-    /// The identity of the graph that live pages show.
+    /// The hash of the graph that live pages show.
     shown_graph: Option<Hash>,
-    /// The last graph that could run, and the number of its run. A graph without nodes of unknown types is preferred.
+    /// The last graph that could run, and the number of its run. A graph whose nodes all have known types is preferred.
     last_good: Option<(usize, Arc<Graph>)>,
-    /// The number of runs.
+    /// The number of runs so far.
     runs: usize,
     /// True if the last run had errors.
     has_failed: bool,
-    /// The folder that the last run could not write to, and the time at which the folder is checked again.
+    /// The output folder into which the last run could not write, and the time of the next check if it is writable.
     failed_folder: Option<(PathBuf, Instant)>,
     on_done: Option<OnDone>,
     worker: Worker,
@@ -95,13 +95,13 @@ fn is_stop(message: &Message) -> bool {
     matches!(message, Message::Input(Input::Stop | Input::Key('q')))
 }
 
-/// The interval at which an unwritable folder is checked again.
+/// The interval at which it is checked if an output folder has become writable.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 /// The interval at which the display is updated during an evaluation.
 const FRAME_INTERVAL: Duration = Duration::from_millis(100);
 
-/// The time that a cancelled evaluation gets to end before the program exits.
+/// The time that a cancelled evaluation gets to stop before the program ends.
 const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 
 impl<'a> Session<'a> {
@@ -172,7 +172,7 @@ impl<'a> Session<'a> {
             };
             match received {
                 Ok(message) => {
-                    // All pending messages are handled together, so a thousand files that are saved at once are one change.
+                    // Handle all pending messages together, so that a thousand files saved at once are one change.
                     let messages: Vec<_> = iter::once(message).chain(receiver.try_iter()).collect();
                     if messages.iter().any(is_stop) {
                         return self.stop(receiver);
@@ -212,8 +212,7 @@ impl<'a> Session<'a> {
                 other => others.push(other),
             }
         }
-        // File events are handled before other messages. Otherwise a run whose input files have already changed could be treated as the
-        // final one.
+        // Handle file events first. Otherwise a run whose input files have already changed could be taken for the final one.
         self.handle_events(&events);
         others.into_iter().for_each(|message| self.handle_message(message));
     }
@@ -256,7 +255,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Cancels the running evaluation and requests another one.
+    /// Cancels the running evaluation, and requests another one.
     fn cancel(&mut self) {
         if let Some(running) = &self.running {
             running.cancel.cancel();
@@ -264,7 +263,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Reads and checks the graph. Shows errors at once, unless the file may still be incomplete.
+    /// Reads and checks the graph. Shows its errors at once, unless the file may still be incomplete.
     fn check_graph(&mut self) {
         return_to(&self.start_folder);
         let CheckedGraph { graph, partial, diagnostics, files, subgraphs } = self
@@ -281,7 +280,7 @@ impl<'a> Session<'a> {
             self.subgraphs = subgraphs;
             self.has_outside_files = reads_outside(&diagnostics);
         } else {
-            // A used graph that is new may still be incomplete. It is added to the watched files, so that its next save is noticed.
+            // Watch new used graphs even if they have errors, because they may be incomplete. Then their next save is noticed.
             let new = subgraphs.into_iter().filter(|path| !self.subgraphs.contains(path));
             let new = Vec::from_iter(new);
             self.subgraphs.extend(new);
@@ -309,12 +308,12 @@ impl<'a> Session<'a> {
         if let Check::Bad { diagnostics, shown: shown @ false } = &mut self.check {
             *shown = true;
             self.view.show_check(self.runs + 1, diagnostics);
-            // Requests a run, so that the errors disappear from the display even if the user merely undoes the change.
+            // Request a run, so that the errors disappear from the display even if the user only undoes the change.
             self.requested.get_or_insert_default();
         }
     }
 
-    /// Starts the evaluation of complete changes. If the graph has errors, reports the errors.
+    /// Requests a run after complete changes. If the graph has errors, reports these instead.
     fn apply_changes(&mut self, changed: Vec<PathBuf>) {
         if matches!(self.check, Check::Due) {
             self.check_graph();
@@ -336,7 +335,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Reports the end of a run whose graph has errors, after a time without changes.
+    /// Reports the end of a run whose graph has errors, after some time without changes.
     fn end_broken(&mut self) {
         if !self.has_unreported_errors
             || self.series.outputs_due().is_some_and(|due| Instant::now() < due)
@@ -353,8 +352,8 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Starts the requested run if nothing is running and no change is pending. If no run is requested, evaluates the values that live
-    /// pages show, with the last graph that could run. During a drag only the values of the drag are evaluated.
+    /// Starts the requested run, if nothing is running and no change is in progress. Without a request, evaluates the values for live pages
+    /// with the last graph that could run. During a drag, only the values of the drag are evaluated.
     fn start(&mut self) {
         if self.running.is_some() || self.batch.due().is_some() {
             return;
@@ -400,12 +399,12 @@ impl<'a> Session<'a> {
         self.worker.start(Job { run, graph, diagnostics, cancel, recompute, purpose, views });
     }
 
-    /// Returns true if live pages already show a graph with the same topology, including the number of elements of each loop.
+    /// Returns true if live pages already show a graph with the same nodes and links, including the elements of each loop.
     fn is_shown(&self, graph: &Graph) -> bool {
         self.shown_graph == Some(graph.topology().identity)
     }
 
-    /// Shows the values for live pages before the rest of the run is done.
+    /// Shows values on live pages before the rest of the run is done.
     fn show_values(&mut self, update: ViewUpdate) {
         let Some(running) = self.running.as_ref().filter(|running| !running.is_abandoned()) else {
             return;
@@ -421,8 +420,8 @@ impl<'a> Session<'a> {
     fn finish_run(&mut self, report: Report) {
         let is_abandoned = self.running.take().is_some_and(|running| running.is_abandoned());
         if report.cancelled || is_abandoned {
-            // The values of live pages must be evaluated again, except after a drag that has ended: then another evaluation shows the
-            // values of the graph file.
+            // Evaluate the values for live pages again, except after a drag that has ended: then another evaluation shows the values of the
+            // graph file.
             if report.purpose != Purpose::Drag || self.drag.is_active() {
                 self.has_due_views = !self.views.is_empty();
             }
@@ -446,7 +445,7 @@ impl<'a> Session<'a> {
             }
         }
         let failed = has_errors(&report.diagnostics);
-        // If the folder is writable, the write failed for another reason, so the folder is not checked again.
+        // Check the folder again only if it is not writable. Otherwise the write failed for another reason.
         let folder = report.unwritten.clone().filter(|folder| !is_writable(folder));
         self.failed_folder = folder.map(|folder| (folder, Instant::now() + RETRY_INTERVAL));
         self.view.show_end(&report);
@@ -458,8 +457,8 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Requests a run as soon as the folder of a failed write is writable. The folder is checked regularly, because the system has no
-    /// event for this.
+    /// Requests a run as soon as the folder of a failed write is writable. It is checked at regular intervals, because the system reports
+    /// no event for this.
     fn retry_writing(&mut self) {
         let now = Instant::now();
         match &mut self.failed_folder {
@@ -475,13 +474,13 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Returns true if no run is in progress or requested, and no change is pending.
+    /// Returns true if no run is in progress or requested, and no change is in progress.
     fn is_idle(&self) -> bool {
         let is_changing = self.batch.due().is_some() || self.has_unreported_errors;
         self.running.is_none() && self.requested.is_none() && !is_changing
     }
 
-    /// Starts the user's command if its time has come and no newer change is pending.
+    /// Starts the user's command if it is time for it and no newer change is in progress.
     fn start_command(&mut self) {
         let is_due = self.command_time.is_some_and(|due| due <= Instant::now());
         if !is_due || !self.is_idle() {
@@ -494,7 +493,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Starts a run because the user asked for it.
+    /// Starts a run at the request of the user. If `recompute` is true, no cached results are used.
     fn run_again(&mut self, recompute: bool) {
         self.recompute |= recompute;
         self.check = Check::Due;
@@ -502,7 +501,7 @@ impl<'a> Session<'a> {
         self.apply_changes(Vec::new());
     }
 
-    /// Ends the watch after its only run (`--once`).
+    /// Ends the watch after its only run (option `--once`).
     fn end_once(mut self) -> Exit {
         if self.has_failed {
             return Exit::Failed;
@@ -517,7 +516,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Ends the watch. The running evaluation gets time to end, so it leaves no incomplete files.
+    /// Ends the watch. The running evaluation gets some time to stop, so that it leaves no incomplete files.
     fn stop(mut self, receiver: &Receiver<Message>) -> Exit {
         self.cancel();
         let end = Instant::now() + STOP_TIMEOUT;

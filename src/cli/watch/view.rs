@@ -1,4 +1,4 @@
-//! The output of a watch: on a terminal, as lines, or as events.
+//! The ways in which a watch reports its progress: as a block on a terminal, as lines, or as events.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -23,36 +23,36 @@ use crate::{
 
 /// Shows the progress of a watch to the user or a program.
 pub(super) trait View {
-    /// Returns a factory of observers for evaluations.
+    /// Returns a function that creates an observer for each evaluation.
     fn observe(&self) -> ObserverFactory {
         Box::new(|_| Box::new(UnresponsiveReporter))
     }
 
-    /// Shows the watched files; `polled` is the reason why files are polled, if they are.
+    /// Shows the watched files. `polled` is the reason why files are polled, if they are.
     fn show_watch_list(&mut self, files: &[PathBuf], polled: Option<&str>);
 
-    /// Shows that a run begins.
+    /// Shows that the run with the number `run` begins, because the files `changed` have changed.
     fn show_begin(&mut self, run: usize, changed: &[PathBuf]);
 
-    /// Shows a graph that can be evaluated.
+    /// Shows a graph that is about to be evaluated.
     fn show_graph(&mut self, _: &Graph) {}
 
-    /// Shows the diagnostics of the check. If they contain errors, no node runs.
+    /// Shows the diagnostics of the check. If one of them is an error, no node runs.
     fn show_check(&mut self, run: usize, diagnostics: &[Diagnostic]);
 
-    /// Shows the end of a run whose graph has errors, so nothing was evaluated.
+    /// Shows the end of a run in which nothing was evaluated, because the graph has errors.
     fn show_broken(&mut self, run: usize, diagnostics: &[Diagnostic]);
 
-    /// Shows that a run was cancelled by a newer change.
+    /// Shows that a run was cancelled because of a newer change.
     fn show_cancel(&mut self, run: usize);
 
     /// Shows the end of a run.
     fn show_end(&mut self, report: &Report);
 
-    /// Shows the values for live pages. `live` is true during a drag, when the parameters are not those of the graph file.
+    /// Shows values on live pages. `live` is true during a drag, in which the parameters differ from those in the graph file.
     fn show_values(&mut self, _run: usize, _live: bool, _: &ViewedValues) {}
 
-    /// Shows that an evaluation for live pages was abandoned.
+    /// Shows that an evaluation for live pages was cancelled.
     fn show_abandon(&mut self, _run: usize) {}
 
     /// Shows the reason why values could not be set in the graph file.
@@ -74,11 +74,11 @@ pub(super) trait View {
     /// Redraws after the terminal was resized.
     fn redraw(&mut self) {}
 
-    /// Switches between the summary and the profile of a run.
+    /// Switches between the summary and the profile of the last run.
     fn toggle_profile(&mut self) {}
 }
 
-/// A view that sends events to a program or the live page.
+/// A view that sends events, to another program or to live pages.
 pub(super) struct EventView(pub(super) Listener);
 
 impl View for EventView {
@@ -114,11 +114,11 @@ impl View for EventView {
         self.0.send_end(&RunEnd { run: *run, trace, written, diagnostics, seconds });
     }
 
-    /// Does nothing: the protocol has no event for the user's command.
+    /// Does nothing, because there is no event for the user's command.
     fn show_command_failure(&mut self, _: &str) {}
 }
 
-/// A view that shows everything on live pages and in another view.
+/// A view that shows everything both on live pages and in another view.
 pub(super) struct PageView {
     page: Page,
     program: EventView,
@@ -207,7 +207,7 @@ impl View for PageView {
     }
 }
 
-/// An observer that reports only nodes that continue to run after a cancellation.
+/// An observer that only reports nodes that still run after a cancellation.
 struct UnresponsiveReporter;
 
 impl Observer for UnresponsiveReporter {
@@ -216,16 +216,16 @@ impl Observer for UnresponsiveReporter {
     }
 }
 
-/// A view that prints one line per run, for pipes and files.
+/// A view that prints one line per run, for output to a pipe or file.
 #[derive(Default)]
 pub(super) struct LineView {
-    /// The messages of all warnings in the last run.
+    /// The messages of all warnings of the last run.
     last_warnings: Vec<String>,
 }
 
 impl LineView {
-    /// Separates repeated warnings from the other diagnostics of a run. Returns the diagnostics without the warnings that the previous run
-    /// also had, and the number of these repeated warnings.
+    /// Separates warnings that the previous run also had from all other diagnostics. Returns the others, and the number of these repeated
+    /// warnings.
     fn split_known_warnings(&mut self, diagnostics: Vec<Diagnostic>) -> (Vec<Diagnostic>, usize) {
         let warnings =
             diagnostics.iter().filter(|diagnostic| diagnostic.severity == Severity::Warning);
@@ -253,7 +253,7 @@ impl View for LineView {
 
     fn show_begin(&mut self, _: usize, _: &[PathBuf]) {}
 
-    /// Does nothing: diagnostics are printed at the end of the run.
+    /// Does nothing, because diagnostics are printed at the end of the run.
     fn show_check(&mut self, _: usize, _: &[Diagnostic]) {}
 
     fn show_broken(&mut self, run: usize, diagnostics: &[Diagnostic]) {
@@ -279,16 +279,16 @@ impl View for LineView {
     }
 }
 
-/// The running nodes by name, each with its completed fraction.
+/// The running nodes by name, each with the finished fraction of its work (0 to 1) if it is known.
 type RunningNodes = Arc<Mutex<BTreeMap<String, Option<f64>>>>;
 
-/// Messages about nodes that continue to run after a cancellation.
+/// Messages about nodes that still run after a cancellation.
 type UnresponsiveNodes = Arc<Mutex<Vec<String>>>;
 
-/// The time after which the display names the running node.
+/// The time after which the display names the node that is running.
 const NODE_DELAY: Duration = Duration::from_millis(300);
 
-/// A view that shows one block on a terminal.
+/// A view that shows a block of text on a terminal, and redraws it.
 pub(super) struct TerminalView {
     screen: Screen,
     color: bool,
@@ -319,7 +319,7 @@ impl TerminalView {
 }
 
 impl Drop for TerminalView {
-    /// Prints the last block, without the keys, on the normal screen.
+    /// Prints the last block to the normal screen, without the line about keys.
     fn drop(&mut self) {
         let mut rows = self.block.rows(self.screen.size(), self.color);
         rows.pop();
@@ -343,7 +343,7 @@ impl View for TerminalView {
         self.draw();
     }
 
-    /// Draws nothing yet, because most runs end so soon that nobody could read it.
+    /// Draws nothing yet, because most runs end before anybody could read it.
     fn show_begin(&mut self, run: usize, _: &[PathBuf]) {
         self.block.run = run;
         self.block.diagnostics.clear();
@@ -421,7 +421,7 @@ impl View for TerminalView {
     }
 }
 
-/// An observer that records the running nodes.
+/// An observer that records which nodes are running.
 struct NodeTracker(RunningNodes, UnresponsiveNodes);
 
 impl Observer for NodeTracker {

@@ -1,7 +1,6 @@
-//! The thread that evaluates graphs while the main thread of the watch handles messages.
+//! The thread that evaluates graphs, while the main thread of the watch handles messages.
 //!
-//! The session of the thread exists as long as the watch. Its cached results never become invalid, because their keys contain all
-//! inputs.
+//! The thread has one session for the whole watch. Its cached results never become invalid, because their keys cover all inputs.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -23,35 +22,35 @@ use crate::has_errors;
 use crate::inputs::InputOptions;
 use crate::viewpoint::ValueSource;
 
-/// The number of runs whose results are kept in memory. So undoing a recent change costs nothing, and a day of changes does not fill
-/// the memory.
+/// The number of runs for whose results there is memory. With this number, undoing a recent change costs nothing, and a day of changes does
+/// not fill the memory.
 const KEPT_RUNS: usize = 4;
 
-/// The minimum number of bytes for results that are kept in memory.
+/// The minimum limit for results in memory, in bytes.
 const MIN_KEPT_BYTES: usize = 192 << 20;
 
-/// An evaluation, as requested by the watch.
+/// An evaluation that the watch requests.
 pub(super) struct Job {
     pub(super) run: usize,
     pub(super) graph: Arc<Graph>,
     /// The warnings from checking the graph.
     pub(super) diagnostics: Vec<Diagnostic>,
     pub(super) cancel: CancelToken,
-    /// True if all nodes are computed, without cached results.
+    /// True if all nodes are computed and no cached results are used.
     pub(super) recompute: bool,
     pub(super) purpose: Purpose,
-    /// The values that live pages show.
+    /// The outputs whose values live pages show.
     pub(super) views: Views,
 }
 
 /// The purpose of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
-    /// Write outputs, and evaluate the values that live pages show.
+    /// Write the outputs, and evaluate the values for live pages.
     Outputs,
-    /// Evaluate only the values that live pages show.
+    /// Evaluate only the values for live pages.
     View,
-    /// Evaluate the values that live pages show, with parameters that are not in the graph file. Nothing is stored on disk.
+    /// Evaluate the values for live pages with parameters that differ from those in the graph file. Nothing is stored on disk.
     Drag,
 }
 
@@ -59,52 +58,52 @@ pub(super) enum Purpose {
 #[derive(Clone)]
 pub(super) struct Report {
     pub(super) run: usize,
-    /// True if the job was cancelled. Then the other fields have no meaning.
+    /// True if the job was cancelled. Then the other fields are meaningless.
     pub(super) cancelled: bool,
     pub(super) trace: RunTrace,
     pub(super) diagnostics: Vec<Diagnostic>,
     pub(super) written: Vec<OutputFile>,
-    /// The folder of the outputs, if a file in it could not be written.
+    /// The folder of the outputs if a file in it could not be written, otherwise `None`.
     pub(super) unwritten: Option<PathBuf>,
     pub(super) seconds: f64,
-    /// The purpose of the job. If no outputs were written, only the diagnostics have a meaning.
+    /// The purpose of the job. Unless it is `Outputs`, only the diagnostics are meaningful.
     pub(super) purpose: Purpose,
 }
 
-/// The values of a job for live pages. They are sent before files are written, so the user sees them sooner.
+/// The values for live pages. They are sent before files are written, so that the user sees them sooner.
 pub(super) struct ViewUpdate {
     pub(super) run: usize,
-    /// The graph with the elements of each `ForEach` over data, if it has such loops.
+    /// The graph with the elements of each `ForEach` over data. `None` if it has no such loops.
     pub(super) graph: Option<Arc<Graph>>,
     pub(super) values: ViewedValues,
 }
 
-/// An event of a job: first the values for live pages, last the result of the job.
+/// An event of a job. First come the values for live pages, and at the end the result.
 pub(super) enum WorkerEvent {
     View(ViewUpdate),
     Report(Report),
 }
 
-/// The values that live pages show, in the form in which they are displayed.
+/// The values that live pages show, prepared for display.
 pub(super) type ViewedValues = BTreeMap<ViewedOutput, Arc<ViewedValue>>;
 
-/// Options for outputs, which apply to all runs of a watch.
+/// The options for outputs. They are the same for all runs of a watch.
 pub(super) struct OutputOptions {
     pub(super) folder: OutputFolder,
-    /// The names of the outputs to write, or an empty list for all outputs.
+    /// The names of the outputs to write. An empty list stands for all outputs.
     pub(super) only: Vec<String>,
     pub(super) inputs: InputOptions,
 }
 
-/// A function that creates an observer for an evaluation. Its argument is the token that cancels the evaluation.
+/// A function that creates an observer for each evaluation. Its argument is the token that cancels the evaluation.
 pub(super) type ObserverFactory = Box<dyn Fn(&CancelToken) -> Box<dyn Observer> + Send>;
 
-/// The time before which outputs must not be written; `None` if they may be written.
+/// The time from which outputs may be written; `None` if they may be written at once.
 #[derive(Default)]
 pub(super) struct WriteDelay(Mutex<Option<Instant>>);
 
 impl WriteDelay {
-    /// The interval at which an evaluation that waits to write checks if it was cancelled.
+    /// The interval at which an evaluation that waits to write outputs checks if it was cancelled.
     const CHECK_INTERVAL: Duration = Duration::from_millis(10);
 
     pub(super) fn set(&self, until: Option<Instant>) {
@@ -126,7 +125,7 @@ impl WriteDelay {
     }
 }
 
-/// Runs jobs in sequence with one session. The session's cache contains the results of earlier jobs.
+/// Runs jobs one after the other in a single session, so that each can use the cached results of earlier ones.
 pub(super) struct Worker {
     jobs: Sender<Job>,
     output_options: Arc<OutputOptions>,
@@ -169,24 +168,25 @@ impl Worker {
                     )
                 }));
                 sink(WorkerEvent::Report(report.unwrap_or_else(|panic| {
-                    // After a panic the session may contain incomplete results.
+                    // Drop all results, because after a panic some may be incomplete.
                     session.forget();
                     panic_report(&job, &panic_message(&*panic))
                 })));
             }
-            // The process ends here; freeing the memory would only take time.
+            // Do not free the memory, which takes time: the process is about to end.
             std::mem::forget(session);
         });
         Self { jobs, output_options: wishes, write_delay: hold }
     }
 
     pub(super) fn start(&self, job: Job) {
-        // Sending cannot fail: the thread runs until the sender is dropped.
+        // Sending cannot fail, because the thread runs until the sender is dropped.
         let _ = self.jobs.send(job);
     }
 }
 
-/// Removes the recycled files of this process. The worker thread cannot remove them, because it ends together with the process.
+/// Removes the replaced versions of large files that were kept for later writes. The worker thread cannot do that, because the process ends
+/// first.
 impl Drop for Worker {
     fn drop(&mut self) {
         self.output_options.folder.drop_recycled_files();
@@ -195,14 +195,14 @@ impl Drop for Worker {
 
 /// Functions that a job calls before it writes outputs.
 struct JobHooks<'a> {
-    /// Sends the values for live pages.
+    /// Sends values to live pages.
     send_view: &'a dyn Fn(ViewUpdate),
     /// Waits until outputs may be written.
     wait: &'a dyn Fn(),
 }
 
-/// Runs a job. `kept_bytes` is the number of bytes of results to keep in memory afterwards; `last` are the values for live pages from
-/// the last job.
+/// Runs a job. `kept_bytes` is the limit for results in memory after the job. `last` are the values that live pages got from the previous
+/// job.
 fn evaluate(
     job: &Job,
     session: &mut Session,
@@ -246,7 +246,7 @@ fn evaluate(
             let (only, cancel) = (&wishes.only, &job.cancel);
             session.produce_after(&graph, only, folder, observer, cancel, &mut see)
         });
-        // Live pages need values even if the graph has no outputs or an output name is unknown.
+        // Live pages need values even if nothing was written, because the graph has no outputs or an output name is unknown.
         if !matches!(produced, Some(Ok(_))) {
             see(session);
         }
@@ -272,13 +272,13 @@ fn evaluate(
     }
     match (job.purpose, &viewed_run) {
         _ if cancelled => {}
-        // While the user types the name of a node type, the graph has errors, and results that depend on that node are not computed. They
-        // will be needed again, so the memory does not shrink.
+        // Do not reduce the memory if the graph has errors. While the user types the name of a node type, results that depend on that node
+        // are not computed, but they will be needed again.
         (Purpose::Outputs, _) if has_errors(&job.diagnostics) => {
             *kept_bytes = memory_to_keep(&trace, session).max(*kept_bytes);
         }
         (Purpose::Outputs, _) => *kept_bytes = memory_to_keep(&trace, session),
-        // A drag creates many results in addition to the results that the outputs need. So the memory may grow but does not shrink.
+        // A drag creates many results in addition to those for the outputs. So the memory may grow, but is not reduced.
         (Purpose::Drag, Some(viewed_run)) => {
             *kept_bytes = memory_to_keep(&viewed_run.trace(), session).max(*kept_bytes);
             diagnostics.extend(viewed_run.diagnostics());
@@ -300,7 +300,7 @@ fn evaluate(
     }
 }
 
-/// Evaluates the values for live pages that exist in the graph. If the outputs need the same values, they are then cached.
+/// Evaluates the values for live pages, if the graph has them. They are cached if outputs need them later.
 fn evaluate_views(
     graph: &Graph,
     job: &Job,
@@ -316,7 +316,7 @@ fn evaluate_views(
     session.run(graph, &Run { targets, observer, cancel, ..Run::default() }).ok()
 }
 
-/// Returns the values for live pages. A value that is unchanged is taken from `last`.
+/// Returns the values for live pages. Values that have not changed are taken from `last`.
 fn collect_values(
     graph: &Graph,
     finished: &RunResult,
@@ -334,7 +334,7 @@ fn collect_values(
     all
 }
 
-/// Returns a value in the form in which it is displayed; `last` is reused if the value is unchanged.
+/// Prepares a value for display. If it has not changed, `last` is used again.
 fn show(
     graph: &Graph,
     viewed: &ViewedOutput,
@@ -352,7 +352,7 @@ fn show(
     };
     let ground = picture.zip(target).and_then(|(picture, (node, _))| {
         let found = ValueSource { graph, node, session }.backdrop_of(picture, None);
-        // If the background cannot be computed, the value is shown without it.
+        // If the background cannot be computed, show the value without it.
         found.unwrap_or_default()
     });
     let layers = match same {
@@ -365,7 +365,7 @@ fn show(
     ViewedValue::new(value.clone(), layers, requirements, ground, last.map(|last| &**last)).into()
 }
 
-/// Returns the report of a run that panicked.
+/// Returns the report of a job that panicked.
 fn panic_report(job: &Job, words: &str) -> Report {
     let message = format!("the evaluation panicked: {words}");
     let mut diagnostic = job.graph.diagnostic(code::PANIC, message);
@@ -465,8 +465,8 @@ mod tests {
         std::fs::write(&path, text).unwrap();
         let graph = Arc::new(Graph::load(&path, &catalog, &Options::default()).graph.unwrap());
         let viewed = ViewedOutput { node: "mask".into(), output: "mask".into() };
-        // Runs a job. For each of its two events, returns the number of values for live pages (`None` for the report), and whether the
-        // output file exists at that time.
+        // Runs a job and returns two facts about each of its two events: the number of values for live pages (`None` for the report), and
+        // if the output file exists at that time.
         let told = |only: Vec<String>| {
             let session = Session::with_catalog(catalog.clone(), &Settings::in_memory()).unwrap();
             let outputs = OutputFolder::new(Some(&folder.path().join("out")), &path);

@@ -1,4 +1,4 @@
-//! Results in memory, by key. If there are too many, the least recently used ones are dropped first.
+//! The memory cache: results of nodes by key. If they exceed a limit, the least recently used results are dropped first.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -14,20 +14,20 @@ use super::lock;
 /// The values of a node's outputs.
 pub(super) type Values = Arc<[AnyValue]>;
 
-/// The result of a node. It always contains the hashes of the values, and the values themselves while there is memory for them.
+/// The result of a node. The hashes of the values are always present. The values themselves may be dropped to save memory.
 pub(super) struct Outcome {
-    /// The type and the hash of each output.
+    /// The type name and the hash of the value of each output.
     pub(super) outputs: Box<[(&'static str, Hash)]>,
     pub(super) warnings: Box<[String]>,
-    /// A short description of each value, such as its counts. It is empty if it is unknown.
+    /// A short description of each value, such as `1024 x 768`. Empty if the descriptions are unknown.
     pub(super) descriptions: Box<[String]>,
-    /// The memory for the values, in bytes.
+    /// The memory that the values need, in bytes, even if they have been dropped.
     pub(super) bytes: usize,
     /// The time that the computation of the values took, in seconds.
     pub(super) seconds: f64,
     values: Mutex<Option<Values>>,
     last_use: AtomicU64,
-    /// True if the result is missing on disk only because writing was turned off when the result was computed.
+    /// True if the result is not on disk because writing was turned off when it was computed.
     is_unsaved: AtomicBool,
 }
 
@@ -40,7 +40,7 @@ impl Outcome {
         Self { values: Mutex::new(Some(values.clone())), descriptions: shapes, ..outcome }
     }
 
-    /// Creates an outcome without its values.
+    /// Creates an outcome from the hashes of its values. The values can be attached later.
     pub(super) fn without_values(
         outputs: Box<[(&'static str, Hash)]>,
         warnings: Vec<String>,
@@ -65,7 +65,7 @@ impl Outcome {
         Self { descriptions: shapes.into(), ..self }
     }
 
-    /// Returns the values if they are in memory.
+    /// Returns the values, or `None` if they are not in memory.
     pub(super) fn values(&self) -> Option<Values> {
         lock(&self.values).clone()
     }
@@ -74,12 +74,12 @@ impl Outcome {
         lock(&self.values).is_some()
     }
 
-    /// Marks the result to be written when writing is turned on again.
+    /// Marks the result so that it is written to disk when writing is turned on again.
     pub(super) fn mark_unsaved(&self) {
         self.is_unsaved.store(true, Ordering::Relaxed);
     }
 
-    /// Returns true if the result is marked to be written to disk, and clears the mark.
+    /// Returns true if the result is marked as not yet written to disk, and removes the mark.
     pub(super) fn take_unsaved(&self) -> bool {
         self.is_unsaved.load(Ordering::Relaxed) && self.is_unsaved.swap(false, Ordering::Relaxed)
     }
@@ -94,8 +94,8 @@ impl Outcome {
     }
 }
 
-/// Returns the first facts of a value, such as `1024 x 768` or `12 vertices, 20 faces`. Returns an empty text if the code of the value's
-/// type panics.
+/// Returns the first facts about a value, such as `1024 x 768` or `12 vertices, 20 faces`. The code of the value's type may panic; then the
+/// description is empty.
 fn description(value: &AnyValue) -> String {
     std::panic::catch_unwind(AssertUnwindSafe(|| facts(value))).unwrap_or_default()
 }
@@ -121,9 +121,9 @@ fn facts(value: &AnyValue) -> String {
     Vec::from_iter(facts).join(", ")
 }
 
-/// Outcomes by key. All their values together take at most `limit` bytes.
+/// Outcomes by key. Their values take at most `limit` bytes together.
 ///
-/// A column that two values share is counted twice, so the counted size is at least the true size.
+/// A data column that two values share is counted twice, so the counted size is never smaller than the true size.
 pub(super) struct Cache {
     limit: usize,
     clock: AtomicU64,
@@ -136,7 +136,7 @@ struct State {
     bytes: usize,
 }
 
-/// A hasher that returns the first bytes of a key. Keys are hashes already, so nothing has to be hashed.
+/// A hasher that returns the first bytes of a key. Keys are already hashes, so they need no further hashing.
 #[derive(Default)]
 pub(super) struct FirstBytes(u64);
 
@@ -154,7 +154,7 @@ impl Hasher for FirstBytes {
     fn write_usize(&mut self, _: usize) {}
 }
 
-/// The number of bytes that an entry needs in addition to its values.
+/// The memory that an entry needs in addition to its values, in bytes.
 const OVERHEAD: usize = 512;
 
 impl Cache {
@@ -162,18 +162,18 @@ impl Cache {
         Self { limit, clock: AtomicU64::new(0), state: Mutex::default() }
     }
 
-    /// Sets the maximum size of all entries, in bytes.
+    /// Sets the maximum size of all entries together, in bytes.
     pub(super) fn set_limit(&mut self, limit: usize) {
         self.limit = limit;
         lock(&self.state).shrink(limit);
     }
 
-    /// Returns the maximum size of all entries, in bytes.
+    /// Returns the maximum size of all entries together, in bytes.
     pub(super) fn limit(&self) -> usize {
         self.limit
     }
 
-    /// Drops values that only the cache refers to, the least recently used first, until at most `most` bytes of such values are left.
+    /// Drops values to which only the cache refers, the least recently used first, until such values take at most `most` bytes.
     pub(super) fn drop_idle(&self, most: u64) {
         let state = &mut *lock(&self.state);
         if state.bytes as u64 <= most {
@@ -216,13 +216,13 @@ impl Cache {
         }
     }
 
-    /// Attaches values that were read from disk to their outcome.
+    /// Attaches values, which were read from disk, to the outcome with this key.
     pub(super) fn hold(&self, key: Hash, outcome: &Arc<Outcome>, values: &Values) {
         *lock(&outcome.values) = Some(values.clone());
         self.keep(key, outcome.clone());
     }
 
-    /// Returns the size of all entries, in bytes.
+    /// Returns the size of all entries together, in bytes.
     pub(super) fn bytes(&self) -> usize {
         lock(&self.state).bytes
     }
@@ -233,7 +233,7 @@ impl Cache {
 }
 
 impl State {
-    /// Drops the least recently used values until at most `goal` bytes are left.
+    /// Drops the least recently used entries until the others take at most `goal` bytes.
     fn shrink(&mut self, goal: usize) {
         let mut by_use: Vec<_> =
             self.entries.iter().map(|(key, entry)| (entry.last_use(), *key)).collect();

@@ -19,14 +19,14 @@ use super::snapshot::NodeRecord;
 use super::trace::Reason;
 use super::{State, catch_panic, lock};
 
-/// The contents of a node's files, or only their current hashes if a file has changed since it was hashed.
+/// The contents of the files that a node reads, or their hashes if one has changed since its hash was computed for the key.
 pub(super) enum LoadedFiles {
     Files(BTreeMap<PathBuf, Option<File>>),
     Changed(Box<[Option<Hash>]>),
 }
 
 impl Run<'_> {
-    /// Reads the files of a node. If a file has changed since it was hashed, returns the current hashes instead.
+    /// Reads the files of a node. If a file has changed since its hash was computed for the key, returns the new hashes instead.
     pub(super) fn load(&self, node: &GraphNode, parts: &Parts) -> Result<LoadedFiles, Error> {
         let files = node.files.iter().map(|file| self.files.file(file));
         let files: Vec<Option<File>> = files.collect::<Result<_, _>>()?;
@@ -39,7 +39,7 @@ impl Run<'_> {
         Ok(LoadedFiles::Files(paths.zip(files).collect()))
     }
 
-    /// Runs a node, compares its result with the `known` one, stores it and reports the event. Returns `Some(None)` if the node fails, and
+    /// Runs a node, compares its result with `known`, stores the result and reports the event. Returns `Some(None)` if the node fails, and
     /// `None` if the node has to wait for memory.
     pub(super) fn compute(
         &self,
@@ -85,7 +85,7 @@ impl Run<'_> {
         let same = before.is_some_and(|before| before.outcome.equals(&outcome));
         self.evaluator.cache.keep(key, outcome.clone());
         let is_kept = match self.evaluator.writable_disk() {
-            // Elements need not be stored: they are cut from the cached data again at no cost.
+            // Do not store the elements of a loop: they can be cut from the cached data again at no cost.
             _ if node.kind() == ELEMENTS => false,
             Some(disk) => {
                 let is_new = self.plan.tasks[index] == Task::Look && known.is_none();
@@ -117,7 +117,7 @@ impl Run<'_> {
         Some(Some(Arc::new(NodeRecord { parts, key, outcome })))
     }
 
-    /// Returns the memory that the node needs, as the node itself estimates it.
+    /// Returns the node's own estimate of the memory that it needs.
     fn estimate(
         &self,
         index: usize,
@@ -128,7 +128,7 @@ impl Run<'_> {
         Ok(self.call_node(index, inputs, files, |cx| Ok(node.estimate(cx)))?.0)
     }
 
-    /// Returns the number of bytes of inputs that only this node holds in memory, because the nodes that computed them have no slot.
+    /// Returns the size in bytes of those inputs that are in memory only for this node, because their source nodes have no slot.
     fn unheld_bytes(&self, index: usize, inputs: &[Values]) -> u64 {
         let links = self.graph.nodes()[index].links.iter().map(|link| link.node);
         let sources = BTreeMap::from_iter(links.zip(inputs));
@@ -136,9 +136,9 @@ impl Run<'_> {
         apart.map(|(_, values)| size(values)).sum()
     }
 
-    /// Computes the node's values by updating its previous values. This is possible if only input values have changed and the previous
-    /// inputs and outputs are still in memory. Returns `None` if the node cannot update. The previous inputs are identified by their hashes
-    /// in the parts of the previous key, so changes need not be tracked from one edit to the next.
+    /// Computes the node's values by updating its previous values. This needs the previous inputs and outputs in memory, and only input
+    /// values may have changed. Returns `None` if the node cannot update. The previous inputs are found by the hashes in the previous key,
+    /// so no record of the edits is needed.
     fn update(
         &self,
         index: usize,
@@ -168,7 +168,7 @@ impl Run<'_> {
         done.map(|(values, warnings)| Some((values?.into(), warnings))).transpose()
     }
 
-    /// Runs the node on the values of its inputs.
+    /// Evaluates the node from scratch with the given input values.
     fn eval(
         &self,
         index: usize,
@@ -179,7 +179,7 @@ impl Run<'_> {
         done.map(|(values, warnings)| (values.into(), warnings))
     }
 
-    /// Runs `work` on the node after checking that the node's inputs have the required properties.
+    /// Checks that the inputs have the properties that the node requires, and then calls `work` on the node.
     fn work<R>(
         &self,
         index: usize,
@@ -200,7 +200,8 @@ impl Run<'_> {
         done
     }
 
-    /// Runs code of a node on inputs and files. Returns the result and the warnings of the node. A panic becomes an error.
+    /// Calls `work`, which runs code of a node, with the given inputs and files. Returns its result and the warnings of the node. A panic
+    /// becomes an error.
     fn call_node<R>(
         &self,
         index: usize,
@@ -229,7 +230,7 @@ impl Run<'_> {
         Ok((result, warnings))
     }
 
-    /// Returns the values of a finished node from memory or from disk. If both have lost the values, computes them again.
+    /// Returns the values of a finished node from memory or disk. If they are in neither, computes them again.
     pub(super) fn values(&self, index: usize) -> Result<Values, Error> {
         match self.available_values(index) {
             Some(values) => Ok(values),
@@ -237,7 +238,7 @@ impl Run<'_> {
         }
     }
 
-    /// Returns the values of a node if memory or disk still has them.
+    /// Returns the values of a node from memory or disk, or `None` if they are in neither.
     fn available_values(&self, index: usize) -> Option<Values> {
         if let Some(values) = self.slot(index).and_then(|slot| lock(&slot.held).clone()) {
             return Some(values);
@@ -252,9 +253,9 @@ impl Run<'_> {
         Some(values)
     }
 
-    /// Computes the values of a node again, after those lost values that the node depends on. This is rare, because a plan restores values
-    /// that are known to be lost. Only values that are dropped or found damaged during an evaluation are computed here. Two threads may
-    /// compute a value at the same time.
+    /// Computes the lost values of a node again, after the lost values on which it depends. This is rare: the plan restores values that are
+    /// known to be lost. So only values that are dropped or found damaged during the evaluation are computed here. Two threads may compute
+    /// the same value at the same time.
     fn restore(&self, index: usize) -> Result<Values, Error> {
         let (mut lost, mut values) = (BTreeSet::new(), HashMap::new());
         let mut pending = vec![index];
@@ -269,7 +270,7 @@ impl Run<'_> {
                 }
             }
         }
-        // `lost` is sorted: each node comes after those that it depends on.
+        // `lost` is in ascending order, so each node comes after its dependencies.
         for node in lost {
             let links = self.graph.nodes()[node].links.iter();
             let inputs: Vec<_> = links.map(|link| values[&link.node].clone()).collect();
@@ -305,7 +306,7 @@ impl Run<'_> {
     }
 }
 
-/// The error that a lost result cannot be computed again, because a file has changed.
+/// The error that a lost result cannot be computed again because a file that the node reads has changed.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("a file that it reads has just changed; run it again")]
 pub(super) struct FileChangedError;

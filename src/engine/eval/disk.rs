@@ -1,21 +1,22 @@
-//! Results on disk, which are kept from one process to the next. Each build of the program has a folder named by its fingerprint: see
-//! [`program`].
+//! The disk cache, which keeps results from one process to the next. Each build of the program has its own folder, which is named by a
+//! fingerprint of the code: see [`program`].
 //!
 //! ```text
 //! CACHE/CACHEDIR.TAG
-//! CACHE/programs/STAMP                the hash of a file of code with that stamp
+//! CACHE/programs/STAMP                the hash of an executable or library, by its metadata (stamp)
 //! CACHE/FINGERPRINT/entries/KEY       the result of a node: its outputs without their large columns
-//! CACHE/FINGERPRINT/columns/HASH      a large column
-//! CACHE/FINGERPRINT/graphs/HASH       the last evaluation of the graph whose path has that hash
-//! CACHE/FINGERPRINT/outputs/HASH      the files in the output folder whose path has that hash
+//! CACHE/FINGERPRINT/columns/HASH      a large column (an array of data)
+//! CACHE/FINGERPRINT/graphs/HASH       the record of the last evaluation of a graph; HASH is of the graph's path
+//! CACHE/FINGERPRINT/outputs/HASH      the record of the files in an output folder; HASH is of the folder's path
 //! ```
 //!
-//! Every file appears whole or not at all, and ends with a checksum of its name and content (the name of a column is its checksum). If the
-//! checksum does not match, the file is incomplete, damaged or renamed; it is removed, and the result is computed again. So any number of
-//! processes may share a folder without a lock. The modification time of a file is the time of its last use. [`gc`](Disk::gc) drops the
-//! least recently used files, and [`doctor`](Disk::doctor) checks all files. Files with other names are left alone: see [`folder`].
+//! Every file appears whole or not at all, and ends with a checksum of its name and content. The name of a column file is itself the hash
+//! of its content. A file whose checksum does not match is incomplete, damaged or renamed; it is removed, and the result is computed again.
+//! So any number of processes can share a folder without a lock. The modification time of a file is the time of its last use.
+//! [`gc`](Disk::gc) drops the least recently used files, and [`doctor`](Disk::doctor) checks all files. Files that are not part of the
+//! cache are left alone: see [`folder`].
 //!
-//! The names of entries and columns depend only on the data from which they are computed. So they can be shared with other machines: see
+//! The names of entries and columns depend only on the data from which they are computed. So machines can exchange these files: see
 //! `remote`.
 //!
 //! A large column is read directly into the buffer of its value.
@@ -54,13 +55,13 @@ use seal::{seal, unseal};
 pub use usage::{NodeSize, Sizes, Usage};
 use writer::{Job, Writer};
 
-/// The disk cache of one build of the program.
+/// The disk cache, as one build of the program uses it.
 pub struct Disk {
     store: Arc<Store>,
     writer: Writer,
 }
 
-/// The error of a disk cache that cannot be used.
+/// The reason why a disk cache cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DiskError {
     /// The folder is not a cache of this program.
@@ -69,7 +70,7 @@ pub enum DiskError {
     /// The folder belongs to another user, whose files are not trusted.
     #[error("the cache {} belongs to another user", .0.display())]
     OtherUser(PathBuf),
-    /// Some files cannot be removed.
+    /// Some files of the cache cannot be removed.
     #[error("cannot remove {count} of the files in the cache {}: {error}", .folder.display())]
     NotRemoved {
         /// The folder that contains the files.
@@ -103,34 +104,34 @@ struct Store {
     home: PathBuf,
     limit: u64,
     types: HashMap<&'static str, &'static ValueType>,
-    /// The first write error. After an error nothing is written.
+    /// The first error of writing a file. After an error nothing more is written.
     write_error: OnceLock<String>,
     written: AtomicU64,
     /// The server through which machines share results.
     remote: OnceLock<Remote>,
 }
 
-/// The folders in the folder of a program.
+/// The subfolders of the folder of a build.
 const FOLDERS: [&str; 4] = ["entries", "columns", "graphs", "outputs"];
 
-/// The number of entries that a process stores regardless of their computation time. Later entries are stored only if computing them took
-/// long enough.
+/// The number of entries that a process stores even if they were computed quickly. Later entries are stored only if they took at least
+/// [`MIN_SECONDS_TO_KEEP`].
 const CHEAP_ENTRIES: usize = 1000;
 
-/// The minimum computation time, in seconds, of an entry that is stored after the first [`CHEAP_ENTRIES`] entries.
+/// The minimum computation time, in seconds, of an entry that is stored after the first [`CHEAP_ENTRIES`] entries of a process.
 pub(super) const MIN_SECONDS_TO_KEEP: f64 = 1e-3;
 
-/// Results of at most this many bytes are always fast enough to read back. Larger ones are stored only if reading is faster than computing.
+/// A result of at most this size, in bytes, is always stored. A larger one is stored only if it is faster to read than to compute.
 const SMALL: usize = 8 << 20;
 
-/// The speed of reading a file that is in the system's cache, in bytes per second.
+/// The assumed speed of reading a file that the operating system has in memory, in bytes per second.
 const READ_SPEED: f64 = 1.5e9;
 
 impl Disk {
-    /// Opens the cache of the running program in a folder. A missing folder is created. The cache may take up to `limit` bytes.
+    /// Opens the cache of the running program in `folder`, which is created if it is missing. The cache may take up to `limit` bytes.
     ///
     /// # Errors
-    /// If the folder cannot be created or is not a cache, or if the program cannot be identified.
+    /// If the folder cannot be created or is not a cache, or if the running code cannot be identified.
     pub fn open(folder: &Path, limit: u64, catalog: &Catalog) -> Result<Self, DiskError> {
         folder::claim(folder)?;
         let store = program::fingerprint(folder, catalog)
@@ -140,31 +141,31 @@ impl Disk {
         Ok(Self { writer: Writer::new(store.clone()), store })
     }
 
-    /// Returns the id of the program's build.
+    /// Returns the fingerprint of the code that computes results: the name of this build's folder in the cache.
     pub(crate) fn program(&self) -> String {
         let name = self.store.home.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()
     }
 
-    /// Returns the reason why results cannot be written, or `None`. For example, the disk is full or the folder is read-only.
+    /// Returns the reason why results cannot be written to disk, such as a full disk or a read-only folder. `None` if they can be written.
     pub fn write_error(&self) -> Option<&str> {
         self.store.write_error.get().map(String::as_str)
     }
 
-    /// Waits until everything is written, and at most one second for uploads to a [server](Self::with_server). If the cache is too large,
-    /// drops the least recently used files.
+    /// Waits until all results are on disk. Also waits up to one second for uploads to a [server](Self::with_server). If the cache exceeds
+    /// its size limit, drops the least recently used files.
     pub fn finish(&self) {
         self.writer.wait();
         self.store.remote.get().into_iter().for_each(Remote::finish);
         self.store.tidy();
     }
 
-    /// Returns true if an entry with this key exists. The entry may be damaged.
+    /// Returns true if an entry with this key exists. The content is not checked, so the entry may be damaged.
     pub(super) fn has_entry(&self, key: Hash) -> bool {
         self.store.entry_path(key).exists()
     }
 
-    /// Returns true if an undamaged entry with this key exists, and a file for each of its columns.
+    /// Returns true if an undamaged entry with this key and the files of all its columns exist.
     pub(super) fn has_whole_entry(&self, key: Hash) -> bool {
         let path = self.store.entry_path(key);
         let bytes =
@@ -175,12 +176,12 @@ impl Disk {
         })
     }
 
-    /// Returns a stored result without its values.
+    /// Returns the stored result with this key, without its values.
     pub(super) fn find(&self, key: Hash) -> Option<Outcome> {
         self.store.entry(key).map(|entry| entry.outcome())
     }
 
-    /// Returns the values of a result, if all of them are present and undamaged.
+    /// Returns the values of a stored result, or `None` if some of them are missing or damaged.
     pub(super) fn read(&self, key: Hash, outcome: &Outcome) -> Option<Values> {
         let entry = self.store.entry(key)?;
         self.store.fetch_columns(&entry, outcome.seconds);
@@ -196,9 +197,9 @@ impl Disk {
         values
     }
 
-    /// Stores the result of a node of type `node` if reading it back is faster than computing it again. Returns true if it is stored; a
-    /// thread writes it later. If `trusts_columns` is false, existing files of columns are written again, because an earlier copy of the
-    /// result was found damaged or incomplete.
+    /// Stores the result of a node of type `node`, if it is faster to read back than to compute again. Returns true if it is stored; a
+    /// background thread writes it. If `trusts_columns` is false, existing column files are overwritten, because an earlier copy of the
+    /// result was damaged or incomplete.
     pub(super) fn keep(
         &self,
         key: Hash,
@@ -218,7 +219,7 @@ impl Disk {
         keeps
     }
 
-    /// Removes a result that was found wrong: its node now computes another one.
+    /// Removes the result with this key, because computing it again gave a different one.
     pub(super) fn remove(&self, key: Hash) {
         self.store.remove(&self.store.entry_path(key));
     }
@@ -231,18 +232,18 @@ impl Disk {
         }
     }
 
-    /// Returns the note that is stored for an output folder.
+    /// Returns the bytes that [`keep_note`](Self::keep_note) has stored for an output folder.
     pub(crate) fn note(&self, folder: &Path) -> Option<Vec<u8>> {
         self.store.read(&self.store.path_of("outputs", folder))
     }
 
-    /// Stores a note for an output folder. The note is written only after the given files are on disk.
+    /// Stores some bytes (a note) for an output folder. The note is written only after the given files are on disk.
     pub(crate) fn keep_note(&self, folder: &Path, note: Vec<u8>, files: Vec<PathBuf>) {
         let path = self.store.path_of("outputs", folder);
         self.writer.send(Job::Note { path, note, files });
     }
 
-    /// Returns the snapshot of the last evaluation of the graph at this path, and the files that it read.
+    /// Returns the snapshot of the last evaluation of the graph at this path, and the metadata of the files that it read.
     pub(super) fn snapshot(&self, graph: &Path) -> Option<(Snapshot, Vec<KnownFile>)> {
         let path = self.store.path_of("graphs", graph);
         let found = record::read(&self.store.read(&path)?, graph, &self.store);
@@ -253,7 +254,7 @@ impl Disk {
     }
 }
 
-/// Waits a short time for uploads, in case [`finish`](Disk::finish) was not called.
+/// Waits a short time for uploads if [`finish`](Disk::finish) was not called.
 impl Drop for Disk {
     fn drop(&mut self) {
         if let Some(remote) = self.store.remote.get() {
@@ -277,7 +278,7 @@ impl Store {
             FOLDERS.iter().try_for_each(|name| make_folder(&store.home.join(name)))
         });
         match made {
-            // A read-only folder can still be read, so only writing is stopped.
+            // Only stop writing: results in a read-only folder can still be read.
             Err(error) if store.home.is_dir() => store.stop(error),
             other => other?,
         }
@@ -292,7 +293,8 @@ impl Store {
         self.home.join("columns").join(hash.to_string())
     }
 
-    /// Returns the path of the file that the folder `what` of the cache contains for a graph or an output folder at this path.
+    /// Returns the path of the cache file about a graph or output folder. `what` is the subfolder of the cache; `path` is the path of the
+    /// graph or folder.
     fn path_of(&self, what: &str, path: &Path) -> PathBuf {
         let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         let hash = Hash::compute(path.as_os_str().as_encoded_bytes());
@@ -318,24 +320,24 @@ impl Store {
         entry
     }
 
-    /// Marks a file as used, so that it is dropped later than files that were used earlier.
+    /// Sets the last use of a file to now. The least recently used files are dropped first.
     fn touch(&self, path: &Path) {
         if self.write_error.get().is_none() {
             touch(path);
         }
     }
 
-    /// Removes a damaged file. If it cannot be removed, it will be found damaged again.
+    /// Removes a damaged file. If that fails, the error is ignored: the file will be found damaged again.
     fn remove(&self, path: &Path) {
         let _ = remove(path);
     }
 
-    /// Stops all further writing, and records `reason` as the write error.
+    /// Stops all further writing, and stores `reason` as the write error.
     fn stop(&self, reason: impl fmt::Display) {
         let _ = self.write_error.set(reason.to_string());
     }
 
-    /// Writes a file that consists of the given parts. The file appears whole or not at all.
+    /// Writes a file whose content is the given parts, one after the other. The file appears whole or not at all.
     fn write(&self, path: &Path, parts: &[&[u8]]) {
         if self.write_error.get().is_some() {
             return;
@@ -353,8 +355,8 @@ impl Store {
         self.write(path, &[content, &seal(path, content)]);
     }
 
-    /// Writes the file of a column, unless it exists. If `trusted` is false, an existing file is written again. Returns true if the file
-    /// was written.
+    /// Writes the file of a column unless it exists. If `trusted` is false, an existing file is overwritten. Returns true if the file was
+    /// written.
     fn write_column(&self, column: &dyn Bytes, trusted: bool) -> bool {
         let path = self.column_path(column.hash());
         let length = column.bytes().len() as u64;
@@ -369,7 +371,7 @@ impl Store {
 }
 
 impl Columns for Store {
-    /// Reads a column into a buffer. The caller must compare the hash.
+    /// Reads a column into a buffer. Does not check the content: the caller must compare its hash.
     fn read(&self, hash: Hash, into: &mut [u8]) -> bool {
         let path = self.column_path(hash);
         let read = maquette_value::fs::open_no_follow(&path).and_then(|mut file| {
@@ -434,7 +436,7 @@ mod tests {
             let value = AnyValue::new(Points::new(points.clone()).unwrap());
             let value = match is_intact {
                 true => value,
-                // Simulates a value whose memory was overwritten: a point has moved, but the column still has the old hash.
+                // Simulates a value whose memory was overwritten by accident: a point has moved, but the column still has the old hash.
                 false => {
                     let mut moved = points.to_vec();
                     moved[n - 1].x = 100.0;

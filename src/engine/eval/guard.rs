@@ -1,4 +1,4 @@
-//! Checks that values have the properties that nodes require. Each pair of value and property is checked once.
+//! Checks that input values have the properties that nodes require. Each pair of value and property is checked once.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
@@ -9,20 +9,20 @@ use maquette_value::{AnyValue, Hash, Violation};
 
 use super::lock;
 
-/// The results of checks, by the hash of the value and the name of the property.
+/// The result of each check, by the hash of the value and the name of the property. `None` means that the value has the property.
 type CheckResults = HashMap<(Hash, &'static str), Option<Arc<Violation>>>;
 
 /// The results of the checks that an evaluator has made.
 #[derive(Default)]
 pub(super) struct Guards(Mutex<CheckResults>);
 
-/// The maximum number of results of checks in memory. When it is reached, all results are dropped; checks are repeated when needed.
+/// The maximum number of stored check results. When it is reached, all are dropped; the checks are repeated when needed.
 const MAX_RESULTS: usize = 100_000;
 
 /// The maximum number of violating elements that are kept per value.
 const MAX_ELEMENTS: usize = 100;
 
-/// The error that a value does not have a property that the node requires.
+/// The error that an input value lacks a property that the node requires.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{} wants {kind}[{}], but `{link}` {}", guard.by, guard.property, violation.what)]
 pub(super) struct UnmetRequirement {
@@ -30,13 +30,13 @@ pub(super) struct UnmetRequirement {
     kind: &'static str,
     link: String,
     violation: Arc<Violation>,
-    /// The command line that shows the value.
+    /// The command line that shows the violating elements to the user.
     command: String,
 }
 
 impl UnmetRequirement {
-    /// Returns the error of the node, which was not run. If an input of a used graph requires the property, the error is reported at the
-    /// use of that graph, otherwise at the node.
+    /// Returns the error for `node`, which was not run. If an input of a used graph requires the property, the error is reported where that
+    /// graph is used. Otherwise it is reported at the node.
     pub(super) fn diagnostic(&self, node: &GraphNode) -> Diagnostic {
         let elements = self.violation.elements.iter();
         let elements = elements.map(|it| (it.name.clone(), it.center().coords.into())).collect();
@@ -52,7 +52,7 @@ impl UnmetRequirement {
 }
 
 impl Guards {
-    /// Returns the violation of a property by a value, or `None` if the value has the property.
+    /// Checks if a value has a property. Returns its violation, or `None` if it has the property.
     fn violation(&self, value: &AnyValue, property: &'static str) -> Option<Arc<Violation>> {
         let key = (value.hash(), property);
         if let Some(known) = lock(&self.0).get(&key) {
@@ -70,7 +70,7 @@ impl Guards {
         found
     }
 
-    /// Checks that the values have the properties that a node requires.
+    /// Checks that the inputs of a node have the properties that the node requires.
     ///
     /// # Errors
     /// If a value lacks a property; the message lists the violating elements.

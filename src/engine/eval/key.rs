@@ -1,7 +1,7 @@
 //! The key of a node's result: a hash of everything from which the result is computed.
 //!
-//! The key contains the hashes of the input *values*, not the keys of the inputs. If a node is computed again and its value is equal to the
-//! old one, the keys of the nodes that depend on it do not change, so they need not run. In return, each new value must be hashed once.
+//! The key contains the hashes of the input *values*, not the keys of the inputs. If an input is computed again and its value is equal to
+//! the old one, the node's key does not change, and the node need not run. The cost is that each new value must be hashed once.
 
 use std::sync::Arc;
 
@@ -19,16 +19,16 @@ pub(super) struct Parts {
     pub(super) files: Box<[Option<Hash>]>,
 }
 
-/// The first part that differs between two computations of one node.
+/// The first difference between two computations of one node.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Change {
-    /// The type of the node. `before` is the previous type.
+    /// The node has another type; `before` is the previous one.
     Kind { before: String },
-    /// A parameter of the node. `path` leads to it through the fields of the node; `before` and `now` are its values.
+    /// A parameter of the node has another value. `path` leads to the parameter through the fields of the node.
     Parameter { path: Vec<String>, before: Json, now: Json },
-    /// The value of the link with this index.
+    /// The input value at the link with this index is different.
     Input(usize),
-    /// The file with this index.
+    /// The content of the file with this index is different.
     File(usize),
 }
 
@@ -46,7 +46,7 @@ impl Parts {
         Hash::compute(&content)
     }
 
-    /// Returns the first part that differs, or `None` if all parts are equal.
+    /// Returns the first difference from the earlier parts `before`, or `None` if all parts are equal.
     pub(super) fn change(&self, before: &Self) -> Option<Change> {
         if self.recipe.identity != before.recipe.identity {
             if self.recipe.kind != before.recipe.kind {

@@ -1,9 +1,9 @@
-//! Tests that cached results are right. The tests run random sequences of edits and commands, and compare each evaluation with one without
-//! a cache.
+//! Tests that cached results are right. The tests run random sequences of edits and commands. They compare each evaluation with an
+//! evaluation without a cache.
 //!
 //! After every evaluation, five things must agree with an evaluation without a cache: the values, the states in the trace, the reasons in
-//! the trace, the forecast that was made before, and the predicted hashes. If nothing was dropped or damaged, a node must run exactly if no
-//! process has computed its result before.
+//! the trace, the forecast made before the evaluation, and the predicted hashes. If no result was dropped or damaged, a node must run
+//! exactly if no process has computed its result before.
 //!
 //! The environment variable `LAW_SEQUENCES` sets the number of sequences, and `PROPTEST_RNG_SEED` sets the seed.
 
@@ -35,11 +35,11 @@ use step::{Command, Step};
 /// The default number of sequences, used if `LAW_SEQUENCES` is not set.
 const SEQUENCES: u64 = 1000;
 
-/// The number of threads. It exceeds the number of processors, because a sequence often waits for the disk, or for files to become old
-/// enough.
+/// The number of threads that run sequences. More than the number of processors, because a sequence often waits for the disk or until files
+/// are old enough.
 const THREADS: usize = 16;
 
-/// A memory limit that is large enough for all results of a sequence, in bytes.
+/// A memory limit for results, in bytes. It is large enough for all results of a sequence.
 const AMPLE_MEMORY: usize = 1 << 24;
 
 #[test]
@@ -69,8 +69,8 @@ fn cached_results_are_right_after_any_sequence_of_steps() {
         });
         failure.err()
     };
-    // Sequences are not tasks of a shared thread pool. A task that waits for its evaluation would start other tasks on its thread, until
-    // all tasks have begun and none can end.
+    // Use plain threads instead of tasks in the shared thread pool. A pool task that waits for its evaluation would start other tasks on
+    // its thread, until all tasks have begun and none can end.
     let (next, failures) = (AtomicU64::new(0), Mutex::new(BTreeMap::new()));
     std::thread::scope(|scope| {
         (0..THREADS).for_each(|_| {
@@ -79,7 +79,7 @@ fn cached_results_are_right_after_any_sequence_of_steps() {
                     Some(next.fetch_add(1, Ordering::Relaxed)).filter(|it| *it < shards)
                 {
                     if let Some(failure) = follow_shard(shard) {
-                        // A shard has failed, so later shards are not started. Earlier ones are finished.
+                        // Do not start later shards, because this one has failed. Earlier shards are finished.
                         next.store(shards, Ordering::Relaxed);
                         lock(&failures).insert(shard, failure);
                     }
@@ -92,7 +92,7 @@ fn cached_results_are_right_after_any_sequence_of_steps() {
     }
 }
 
-/// Suppresses the messages of the panics that [`pack`] causes on purpose. They would hide other messages.
+/// Suppresses the messages of the panics that the nodes in [`pack`] cause on purpose. They would hide other messages.
 fn be_quiet_about_panics() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -105,7 +105,7 @@ fn be_quiet_about_panics() {
     });
 }
 
-/// Runs all steps of a sequence. The error is the first promise that is broken.
+/// Runs all steps of a sequence. The error names the first step after which the cache was wrong.
 fn follow(steps: &[Step]) -> Result<(), TestCaseError> {
     let mut world = World::new();
     for (place, step) in steps.iter().enumerate() {
@@ -120,10 +120,10 @@ fn follow(steps: &[Step]) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// For each node, by name, the parts from which it was last computed.
+/// The parts (inputs of the key) from which each node was last computed, by the name of the node.
 type LastParts = HashMap<String, Parts>;
 
-/// A process that evaluates the graph.
+/// A simulated process that evaluates the graph.
 struct Process {
     evaluator: Evaluator,
     /// The keys of all results that the process has computed or read.
@@ -134,16 +134,16 @@ struct Process {
 struct World {
     project: Project,
     catalog: Catalog,
-    /// The running processes. Commands are sent to the last one.
+    /// The running processes. Commands are sent to the last process in this list.
     processes: Vec<Process>,
     cache: PathBuf,
-    /// The keys of the results on disk.
+    /// The keys of the results that are on disk.
     kept: HashSet<Hash>,
-    /// The parts in the record of the last evaluation on disk.
+    /// The parts of each node in the record of the last evaluation on disk.
     last: Option<LastParts>,
-    /// True if the test knows which results the processes still have.
+    /// True if the test knows exactly which results each process still has.
     is_exact: bool,
-    /// True if the test knows which evaluation the processes remember as the last one.
+    /// True if the test knows which evaluation each process has as its last one.
     is_record_known: bool,
     _folder: tempfile::TempDir,
 }
@@ -195,7 +195,8 @@ impl World {
             Command::Process { keep, disk } => {
                 self.flush();
                 if *keep {
-                    // The test does not track which process was the last to write the record on disk.
+                    // From here on the reasons are not checked: the test does not track which process was the last to write the record on
+                    // disk.
                     self.is_record_known = false;
                     self.processes.rotate_left(1);
                 }
@@ -215,8 +216,8 @@ impl World {
                 Disk::gc(&self.cache, 0).unwrap();
                 self.kept.clear();
                 self.last = None;
-                // A result may now exist only in memory, or nowhere if only its hashes were read. So the test no longer knows which results
-                // exist.
+                // From here on the test does not know which results exist. A result may exist only in memory, or nowhere if only its hashes
+                // were read.
                 self.is_exact = false;
             }
             Command::Damage { file, at } => {
@@ -268,7 +269,7 @@ impl World {
         let on_disk = (self.last.clone().unwrap_or_default(), self.kept.clone());
         let process = self.process();
         let evaluator = &mut process.evaluator;
-        // A process reads the disk when it first needs results, so the contents at this time are expected.
+        // A process reads the disk when it first needs results, so it has to find what is on disk now.
         let (recorded, kept) =
             if evaluator.disk().is_some() { on_disk } else { Default::default() };
         let last = process.last.get_or_insert(recorded).clone();
@@ -307,7 +308,7 @@ impl World {
         Ok(())
     }
 
-    /// Updates the state that the test expects of the process and of the disk after an evaluation.
+    /// Updates the expected state of the process and of the disk after an evaluation.
     fn remember(&mut self, graph: &Graph, truths: &[Truth], evaluation: &Evaluation) {
         let process = self.processes.last_mut().expect("there is always one");
         let disk = process.evaluator.disk().is_some();
@@ -328,7 +329,7 @@ impl World {
     }
 }
 
-/// Copies the stored hash of the program's code to a new cache folder, because computing the hash takes longer than a sequence.
+/// Copies the stored hash of this test's executable to a new cache folder. Computing the hash takes longer than a sequence.
 fn share_fingerprint(cache: &Path) {
     static KNOWN: OnceLock<tempfile::TempDir> = OnceLock::new();
     let known = KNOWN.get_or_init(|| {
@@ -343,7 +344,7 @@ fn share_fingerprint(cache: &Path) {
     }
 }
 
-/// Damages a file of the cache: the file with the number `file`, at the position `at`.
+/// Damages one file of the cache. `file` selects the file and `at` the position of the damage.
 fn damage(cache: &Path, file: u16, at: u16) {
     let mut files = Vec::new();
     let mut folders = vec![cache.to_owned()];
@@ -369,7 +370,7 @@ fn damage(cache: &Path, file: u16, at: u16) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// An observer that records the nodes that start, and cancels the evaluation after a number of them.
+/// An observer that records which nodes start. It cancels the evaluation after a given number of nodes.
 struct CancellingObserver {
     after: usize,
     cancel: CancelToken,

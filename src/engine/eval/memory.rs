@@ -1,8 +1,8 @@
-//! The memory limit of an evaluation. Decides which nodes may start, which must wait for others, and which fail.
+//! The memory limit of an evaluation. Decides which nodes may start, which must wait until other nodes free memory, and which fail.
 //!
 //! The limit covers values that nodes still need, the estimates of running nodes, and cached results. Cached results that no node needs are
-//! dropped to make room. A node that has to wait is queued and visited again later; its thread does not block. A blocked thread could wait
-//! for a node that is running deeper in its own stack, and would never continue.
+//! dropped to make room. A node that has to wait is queued and visited again later; its thread does not block. A blocked thread could
+//! deadlock: it might wait for a node that is suspended further down on the thread's own stack.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::{Mutex, OnceLock};
@@ -13,12 +13,12 @@ use maquette_value::memory::available_memory;
 use super::cache::Cache;
 use super::lock;
 
-/// The fraction of the free memory that an evaluation may use if no limit is set. If it used more, the system might kill processes.
+/// The fraction of the free memory that an evaluation may use if no limit is set. With a higher fraction, the system might kill processes.
 const FREE_FRACTION: f64 = 0.9;
 
 /// The memory in use by an evaluation.
 pub(super) struct Memory {
-    /// The limit in bytes. If it is `None`, the limit is a fraction of the free memory of the machine.
+    /// The limit in bytes. If it is `None`, the limit is [`FREE_FRACTION`] of the free memory of the machine.
     given_limit: Option<u64>,
     max_bytes: OnceLock<u64>,
     state: Mutex<State>,
@@ -26,15 +26,15 @@ pub(super) struct Memory {
 
 #[derive(Default)]
 struct State {
-    /// The number of nodes that are being visited, or that will be visited without waiting for memory.
+    /// The number of nodes that are being visited, or are about to be visited and do not wait for memory.
     active: usize,
-    /// The number of bytes in values that nodes still need.
+    /// The size of the values that nodes still need, in bytes.
     held: u64,
-    /// The number of bytes that are reserved for each running node.
+    /// The number of bytes reserved for each running node, by the index of the node.
     reserved_by_node: HashMap<usize, u64>,
     /// The sum of all reservations, in bytes.
     reserved: u64,
-    /// The waiting nodes, each with the number of bytes that it needs.
+    /// The nodes that wait for memory, each with the number of bytes that it needs.
     waiting: Vec<(usize, u64)>,
     /// The nodes that have waited at least once.
     has_waited: HashSet<usize>,
@@ -51,7 +51,7 @@ impl Memory {
         Self { given_limit: given, max_bytes: OnceLock::new(), state: Mutex::default() }
     }
 
-    /// Returns the limit in bytes. The free memory of the machine is read when the first node is about to run.
+    /// Returns the limit in bytes. If no limit is set, the free memory of the machine is read at the first call.
     fn max_bytes(&self, cache: &Cache) -> u64 {
         *self.max_bytes.get_or_init(|| {
             self.given_limit.unwrap_or_else(|| match available_memory() {
@@ -61,13 +61,13 @@ impl Memory {
         })
     }
 
-    /// Adds `count` nodes to the number of nodes being visited.
+    /// Adds `count` to the number of nodes that are being visited.
     pub(super) fn add_visits(&self, count: usize) {
         lock(&self.state).active += count;
     }
 
-    /// Ends a visit. If no other node is being visited, returns the first waiting node. The caller must visit it now, because nothing else
-    /// will free memory for it.
+    /// Ends the visit of a node. If no other node is being visited, returns the waiting node with the lowest index. The caller must visit
+    /// that node now, because no running node can free memory for it.
     pub(super) fn end_visit(&self) -> Option<usize> {
         let state = &mut *lock(&self.state);
         state.active -= 1;
@@ -79,11 +79,11 @@ impl Memory {
         Some(state.waiting.swap_remove(first).0)
     }
 
-    /// Returns true if the node may start now; otherwise queues the node. `own` is the memory that is already held for this node in
-    /// addition to its estimate.
+    /// Returns true if there is memory for the node to start now; otherwise queues the node. `own` is the number of bytes that are already
+    /// in memory for this node alone, in addition to its estimate.
     ///
     /// # Errors
-    /// If the node needs more memory than the limit, or if no running node could free memory for it.
+    /// If the node needs more memory than the limit, or if no node is running that could free memory for it.
     pub(super) fn admit(
         &self,
         index: usize,
@@ -101,7 +101,7 @@ impl Memory {
             cache.drop_idle(max_bytes - all);
             return Ok(true);
         }
-        // If the node needs more than the whole limit, waiting does not help.
+        // Do not wait if the node needs more than the whole limit.
         if state.active > 1 && need <= max_bytes {
             state.waiting.push((index, need));
             state.has_waited.insert(index);
@@ -115,15 +115,16 @@ impl Memory {
         lock(&self.state).has_waited.contains(&index)
     }
 
-    /// Queues nodes because they have the same key as a waiting node.
+    /// Queues nodes that have the same key as a node that waits for memory. They need its result.
     pub(super) fn wait(&self, nodes: Vec<usize>) {
         lock(&self.state).waiting.extend(nodes.into_iter().map(|node| (node, 0)));
     }
 
-    /// Checks that the memory for a node is free now. The node is computed again while others wait for it, so it cannot wait itself.
+    /// Checks that enough memory for a node is free now. The node's lost values are computed again while other nodes wait for them, so this
+    /// node must not wait for memory itself.
     ///
     /// # Errors
-    /// If the memory is not free.
+    /// If there is not enough free memory.
     pub(super) fn check_room(
         &self,
         estimate: Option<Estimate>,
@@ -160,7 +161,7 @@ impl Memory {
             .collect()
     }
 
-    /// Counts the bytes of values as held, until they are [released](Self::release).
+    /// Counts `bytes` as values in use, until they are [released](Self::release).
     pub(super) fn hold(&self, bytes: u64) {
         lock(&self.state).held += bytes;
     }
@@ -171,7 +172,7 @@ impl Memory {
 }
 
 fn no_room(estimate: Option<Estimate>, held: u64, max_bytes: u64) -> MemoryError {
-    // A node without an estimate fails only because other values fill the memory.
+    // Use an estimate of 0 bytes: a node without an estimate fails only because other values fill the memory.
     let none = Estimate { bytes: 0.0, help: "ask for less at a time (--only)" };
     let Estimate { bytes: need, help } = estimate.unwrap_or(none);
     MemoryError { need, held, most: max_bytes, help }

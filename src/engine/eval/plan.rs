@@ -1,7 +1,8 @@
-//! Plans an evaluation: before anything runs, finds the nodes that need work.
+//! Plans an evaluation: finds the nodes that need work before anything runs.
 //!
-//! The parts from which nodes were computed are scattered in memory; reading them for 10 000 nodes took four of five milliseconds. So a
-//! single hash of the name, recipe and links of a node is compared first. If it and the dependencies are unchanged, the parts are not read.
+//! For speed, a single hash of a node's name, recipe and links is compared first. If it and the dependencies are unchanged, the parts from
+//! which the node was computed need not be read. These are scattered in memory; reading them for 10 000 nodes took four of five
+//! milliseconds.
 
 use std::sync::{Arc, OnceLock};
 
@@ -12,34 +13,34 @@ use super::key::Parts;
 use super::snapshot::{NodeRecord, Snapshot, VisitedNodes};
 use super::{Evaluator, lock};
 
-/// The tasks of an evaluation, and the results that are known in advance.
+/// The task of each node in an evaluation, and the results that are known in advance.
 pub(super) struct Plan {
     pub(super) wanted: Arc<[bool]>,
     pub(super) tasks: Vec<Task>,
     /// The results that are known before anything runs.
     pub(super) known: KnownResults,
-    /// The number of nodes that have a task.
+    /// The number of nodes whose task is not `None`.
     active: usize,
 }
 
 /// The task of an evaluation for one node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Task {
-    /// Nothing to do: the result of the node is known, or no requested node needs it.
+    /// Nothing to do: the node's result is known, or no requested node needs it.
     None,
-    /// Visit the node, because it or one of its dependencies has changed. It is computed if its result is not in the cache.
+    /// Visit the node, because it or one of its dependencies has changed. Compute it if its result is not in the cache.
     Look,
-    /// Restore the values of the node. Its result is known, but its values are needed and lost.
+    /// Compute the values of the node again: its result is known, but its values are needed and were dropped.
     Restore,
     /// Compute the node again and compare the result with the known one.
     Verify,
 }
 
-/// The results of nodes that have not changed.
+/// The known results of the nodes that have not changed.
 pub(super) enum KnownResults {
-    /// Nothing has changed: the results of the last evaluation.
+    /// No node has changed: the known results are those of the last evaluation.
     All(Arc<Snapshot>),
-    /// The result of each node, if the node has not changed.
+    /// The known result of each node, or `None` for a node that has changed.
     Some(Vec<Option<Arc<NodeRecord>>>),
 }
 
@@ -51,8 +52,8 @@ impl KnownResults {
         }
     }
 
-    /// Returns the snapshot after all nodes with tasks have been visited. It contains the last result of each node, from this evaluation or
-    /// from an earlier one of the graph.
+    /// Returns the snapshot after all tasks are done. It contains the last result of each node, from this evaluation or from an earlier
+    /// evaluation of the graph.
     pub(super) fn into_snapshot(
         self,
         visited: VisitedNodes,
@@ -67,7 +68,7 @@ impl KnownResults {
                 .collect(),
             Self::Some(results) => results,
         };
-        // If a node gave another result than the known one, other nodes may still have been computed from the known one.
+        // If a node's new result differs from its known result, other nodes may still have been computed from the known one.
         let mut agree = true;
         for (index, done) in visited {
             if let (Some(before), Some(done)) = (&results[index], &done) {
@@ -124,7 +125,7 @@ impl Plan {
                 Some(_) => Task::None,
             };
         }
-        // Nodes are handled in reverse order, so the dependencies of a restored node are handled after it.
+        // Handle the nodes in reverse order, so that the dependencies of a node follow the node.
         let mut needed = vec![false; wanted.len()];
         values.iter().for_each(|&node| needed[node] = true);
         for index in (0..wanted.len()).rev() {
@@ -146,15 +147,15 @@ impl Plan {
         0 < self.active
     }
 
-    /// Returns the number of requested nodes that have no task.
+    /// Returns the number of needed nodes that have no task, because they are unchanged.
     pub(super) fn unchanged_count(&self) -> usize {
         self.wanted.iter().filter(|wanted| **wanted).count() - self.active
     }
 }
 
 impl Evaluator {
-    /// Returns the results of those requested nodes that are unchanged. A cached result never becomes invalid, because its key covers
-    /// everything that it depends on. So it is enough to compare the parts of the key.
+    /// Returns the results of those needed nodes that are unchanged. Only the parts of the keys are compared. This is enough: a key covers
+    /// everything on which the result depends, so a cached result never becomes invalid.
     fn unchanged_results(&self, graph: &Graph, wanted: &[bool]) -> KnownResults {
         let Some(last) = &self.last else { return KnownResults::Some(vec![None; wanted.len()]) };
         if self.nothing_changed(last, graph, wanted) {
@@ -162,8 +163,8 @@ impl Evaluator {
         }
         let shape = graph.topology();
         let mut results: Vec<Option<Arc<NodeRecord>>> = vec![None; wanted.len()];
-        // Marks the nodes that are unchanged since the last evaluation and whose dependencies are unchanged, too. Each of them was computed
-        // in that evaluation from the results of its dependencies, so the results still belong together.
+        // Mark the nodes that are unchanged since the last evaluation, together with all their dependencies. That evaluation computed each
+        // of them from the results of its dependencies, so the results still match each other.
         let mut same = vec![false; wanted.len()];
         for index in (0..wanted.len()).filter(|&index| wanted[index]) {
             let known = match last
@@ -185,7 +186,7 @@ impl Evaluator {
         KnownResults::Some(results)
     }
 
-    /// Returns true if the graph and its files are unchanged, and every requested node has a result from the last evaluation.
+    /// Returns true if the graph and its files are unchanged since `last`, and every needed node has a result.
     fn nothing_changed(&self, last: &Snapshot, graph: &Graph, wanted: &[bool]) -> bool {
         let same = last.shape == graph.topology().identity;
         let mut readers = graph.topology().readers.iter().filter(|&&index| wanted[index]);
@@ -195,7 +196,8 @@ impl Evaluator {
             })
     }
 
-    /// Returns true if the node would now be computed from the parts `parts`. Inputs whose results are unknown are not compared.
+    /// Returns true if the node would be computed from `parts`, the parts of its last computation. Returns false if the result of an
+    /// input is not known yet.
     fn is_computed_from(
         &self,
         parts: &Parts,
@@ -213,7 +215,7 @@ impl Evaluator {
             && self.has_files(parts, graph, index)
     }
 
-    /// Returns true if the files of the node are known to be unchanged without reading them.
+    /// Returns true if the metadata proves that the files of the node are unchanged. Nothing is read.
     fn has_files(&self, parts: &Parts, graph: &Graph, index: usize) -> bool {
         let files = graph.nodes()[index].files.iter();
         files
@@ -221,13 +223,13 @@ impl Evaluator {
             .eq(parts.files.iter().map(|hash| Some(*hash)))
     }
 
-    /// Returns true if a result's values are available without computing them.
+    /// Returns true if the values of a result are in memory or on disk.
     fn has_values(&self, done: &NodeRecord) -> bool {
         done.outcome.has_values()
             || self.known_results().is_some_and(|disk| disk.has_entry(done.key))
     }
 
-    /// Returns true if the cached result with this key must be computed again and compared.
+    /// Returns true if the cached result with this key is among those that are computed again and compared with the cache.
     pub(super) fn verifies(&self, key: Hash) -> bool {
         let [a, b, ..] = key.0;
         self.is_verifying()

@@ -1,4 +1,4 @@
-//! Preflight evaluations. Before the rest of a graph is evaluated, they determine how many elements each `ForEach` over data has.
+//! Preflight evaluations: before the main evaluation, they determine how many elements each `ForEach` loop over data has.
 
 use std::collections::HashMap;
 
@@ -10,10 +10,10 @@ use super::plan::Plan;
 use super::run::NodeEvent;
 use super::{Evaluation, Evaluator, Observer, State};
 
-/// The events of preflight evaluations, by the name of the node. The next evaluation reports them as its own.
+/// The events of preflight evaluations, by the name of the node. The next main evaluation reports them as its own.
 pub(super) type PreflightEvents = HashMap<String, NodeEvent>;
 
-/// Forwards all events except failures, because a node that fails in a preflight evaluation runs again later.
+/// An observer that passes on all events except failures, because the main evaluation runs failed nodes again.
 struct PreflightObserver<'a>(&'a dyn Observer);
 
 impl Observer for PreflightObserver<'_> {
@@ -33,14 +33,14 @@ impl Observer for PreflightObserver<'_> {
 }
 
 impl Evaluator {
-    /// Returns true if the nodes `roots` are known to be unchanged, so they need no work.
+    /// Returns true if the nodes `roots` and their dependencies are unchanged, so that they need no work.
     pub(crate) fn is_settled(&mut self, graph: &Graph, roots: &[usize]) -> bool {
         self.recall(graph);
         !Plan::new(self, graph, roots, &[]).has_work()
     }
 
-    /// Evaluates the nodes `roots`. For each of them returns `Ok` if it has a result, and otherwise its error. The error is `None` for a
-    /// node that depends on a failed node. The events are reported by the next evaluation.
+    /// Evaluates the nodes `roots` before the main evaluation. Returns `Ok` for each node that has a result, and otherwise its error. The
+    /// error is `None` for a node that depends on a failed node. The main evaluation reports the events.
     pub(crate) fn prepare(
         &mut self,
         graph: &Graph,
@@ -65,7 +65,7 @@ impl Evaluator {
             .filter(|event| !matches!(event.state, State::Failed | State::Skipped))
         {
             let name = graph.nodes()[event.index].name.clone();
-            // If a preflight evaluation has computed the node, the node is not reported as cached.
+            // Keep the event `Computed` of an earlier preflight evaluation, so that the node is not reported as cached.
             let before =
                 self.preflight_events.get(&name).is_none_or(|old| old.state != State::Computed);
             if before {
@@ -77,7 +77,7 @@ impl Evaluator {
 }
 
 impl Evaluation {
-    /// Adds the events of preflight evaluations, for nodes that have no newer event.
+    /// Adds the events of preflight evaluations. If a node also has a newer event that is not `Cached`, the newer event is kept.
     pub(super) fn merge_preflight(&mut self, graph: &Graph, mut preflight_events: PreflightEvents) {
         if preflight_events.is_empty() {
             return;

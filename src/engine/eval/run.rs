@@ -1,4 +1,4 @@
-//! A running evaluation. It visits the nodes that have a task; each node is visited after its dependencies.
+//! A running evaluation. It visits all nodes that have a task, each after its dependencies.
 
 use std::collections::{BTreeSet, HashMap};
 use std::hash::BuildHasherDefault;
@@ -21,16 +21,16 @@ use super::snapshot::{NodeRecord, VisitedNodes};
 use super::trace::Reason;
 use super::{Evaluator, Observer, State, lock};
 
-/// The outcome of visiting a node, for the trace and the diagnostics.
+/// The outcome of a node's visit, for the trace and the diagnostics.
 pub(super) struct NodeEvent {
     pub(super) index: usize,
     pub(super) state: State,
     pub(super) reason: Reason,
     pub(super) unchanged: bool,
-    /// True if the result was computed again and differs from the cached one.
+    /// True if the result was computed again for verification and differs from the cached one.
     pub(super) differs: bool,
     pub(super) error: Option<Error>,
-    /// The number of bytes that the node needs, as the node itself estimates it.
+    /// The node's own estimate of the memory that it needs, in bytes. `None` if it gives no estimate.
     pub(super) estimate: Option<f64>,
     pub(super) start: f64,
     pub(super) seconds: f64,
@@ -63,14 +63,14 @@ pub(super) struct Run<'a> {
     pub(super) cancel: &'a CancelToken,
     pub(super) start: Instant,
     pub(super) files: Reads<'a>,
-    /// The index of each node's slot, or [`NO_SLOT`] for a node without a task.
+    /// For each node, the index of its slot in `slots`, or [`NO_SLOT`] if the node has no task.
     slot_indices: Vec<u32>,
     pub(super) slots: Vec<Slot>,
     pub(super) events: Mutex<Vec<NodeEvent>>,
     pub(super) memory: Memory,
-    /// The nodes whose code is running.
+    /// The nodes that are running at present.
     pub(super) running: Mutex<BTreeSet<usize>>,
-    /// The keys that are being computed. For each key, the other nodes that wait for its result.
+    /// The keys whose results are being computed. Each has a list of other nodes with that key, which wait for the result.
     in_flight: Mutex<HashMap<Hash, Vec<usize>, BuildHasherDefault<FirstBytes>>>,
 }
 
@@ -78,18 +78,18 @@ pub(super) struct Run<'a> {
 #[derive(Default)]
 pub(super) struct Slot {
     node: usize,
-    /// The number of links to nodes that are not finished yet.
+    /// The number of links to nodes that are not finished yet. The node is visited when it becomes 0.
     waiting: AtomicUsize,
-    /// The result of the node, once it is finished. The inner `None` means that the node failed.
+    /// The result of the node; empty until the node is finished. The inner `None` means that the node failed.
     pub(super) result: OnceLock<Option<Arc<NodeRecord>>>,
     /// True if this node or one of its dependencies ran.
     ran: AtomicBool,
-    /// True if this node or one of its dependencies has a result that no machine has stored before. Then no machine has stored the results
-    /// that depend on it, either.
+    /// True if this node or one of its dependencies has a result that no machine has stored before. Then the results of all nodes that
+    /// depend on it are also new to every machine.
     is_new: AtomicBool,
-    /// The values, while other nodes still need them.
+    /// The values of the node, kept in memory while other nodes need them.
     pub(super) held: Mutex<Option<Values>>,
-    /// The number of links that still need the values. If the caller requested the values, the number is one higher.
+    /// The number of links that still need the values, plus one if the caller of the evaluation requested them.
     pub(super) users: AtomicUsize,
 }
 
@@ -117,7 +117,7 @@ impl<'a> Run<'a> {
             slot_indices.resize(tasks.len(), NO_SLOT);
             for node in (0..tasks.len()).filter(|&node| tasks[node] != Task::None) {
                 slot_indices[node] = slots.len() as u32;
-                // The slots of the dependencies exist already, because nodes come after their dependencies.
+                // The slots of the dependencies exist already, because a node comes after its dependencies.
                 let links = graph.topology().sources(node).map(|source| slot_indices[source]);
                 let mut waiting = 0;
                 for place in links.filter(|&place| place != NO_SLOT) {
@@ -155,8 +155,8 @@ impl<'a> Run<'a> {
     }
 
     pub(super) fn start<'s>(&'s self, scope: &rayon::Scope<'s>) {
-        // All ready nodes are collected before the first one runs. A node that becomes ready later is visited by the node that it waited
-        // for; it must not be visited here, too.
+        // Collect all ready nodes before the first one runs. A node that becomes ready later is visited right after the last node for which
+        // it waited, and must not be visited twice.
         let ready: Vec<_> =
             self.slots.iter().filter(|slot| slot.waiting.load(Ordering::Relaxed) == 0).collect();
         self.memory.add_visits(ready.len());
@@ -168,8 +168,8 @@ impl<'a> Run<'a> {
     /// Visits a node, and then the nodes that waited only for it.
     fn visit<'s>(&'s self, index: usize, scope: &rayon::Scope<'s>) {
         let mut next = Some(index);
-        // One of the nodes that become ready is visited next on this thread. That saves the cost of a new task, because long chains are
-        // common. In this depth-first order, values are used and dropped soon after they are computed.
+        // Visit one of the nodes that become ready next on this thread. That saves the cost of a new task in long chains, which are common.
+        // In this depth-first order, values are used and dropped soon after they are computed.
         while let Some(index) = next.take() {
             let Some((done, mut ready)) = self.run_node(index) else {
                 next = self.memory.end_visit();
@@ -195,7 +195,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Drops the input values that no other node needs any more.
+    /// Drops those input values of a finished node that no other node needs.
     fn release_inputs(&self, index: usize) {
         let links = self.graph.nodes()[index].links.iter();
         for slot in links.filter_map(|link| self.slot(link.node)) {
@@ -207,9 +207,9 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Returns the result that the visit of a node has found, or before that visit the result that the plan knows. The plan knows the
-    /// results of nodes that are only restored or verified. Such a result may be needed before the visit: if another process has dropped
-    /// the values of a node without a task, computing them again needs the results of the node's dependencies.
+    /// Returns the result of a node: the one that its visit has found, or before the visit the one that the plan knows. The plan knows the
+    /// results of nodes that are only restored or verified. Such a result may be needed before the visit: another process may have dropped
+    /// the values of a node without a task, and computing them again needs the results of its dependencies.
     pub(super) fn result_of(&self, index: usize) -> Option<&Arc<NodeRecord>> {
         let found = self.slot(index).and_then(|slot| slot.result.get());
         match found {
@@ -228,13 +228,13 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Returns true if a dependency has a result that no machine has stored before.
+    /// Returns true if a dependency of the node has a result that no machine has stored before.
     fn has_new_input(&self, node: &GraphNode) -> bool {
         let mut slots = node.links.iter().filter_map(|link| self.slot(link.node));
         slots.any(|slot| slot.is_new.load(Ordering::Acquire))
     }
 
-    /// Records that a node was computed, and whether its result is new to all machines.
+    /// Records that a node was computed. `is_new` is true if no machine has stored this result before.
     pub(super) fn set_new(&self, index: usize, is_new: bool) {
         let is_new = is_new || self.has_new_input(&self.graph.nodes()[index]);
         if let Some(slot) = self.slot(index) {
@@ -242,7 +242,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Holds a node's values while other nodes need them.
+    /// Keeps a node's values in memory while other nodes need them.
     pub(super) fn hold(&self, index: usize, values: &Values) {
         if let Some(slot) = self.slot(index).filter(|slot| 0 < slot.users.load(Ordering::Acquire))
             && lock(&slot.held).replace(values.clone()).is_none()
@@ -251,15 +251,15 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Returns the last result of the node, if this graph has been evaluated before.
+    /// Returns the last result of the node from earlier evaluations, or `None` if there is none.
     pub(super) fn last_result(&self, index: usize) -> Option<&Arc<NodeRecord>> {
         let name = &self.graph.topology().names[index];
         let last = self.evaluator.last.as_ref();
         last.filter(|last| last.graph == self.graph.source().name)?.last_result(name, index)
     }
 
-    /// Processes a node. Returns its result, and the nodes with the same key that waited for the result. Returns `None` if the node itself
-    /// must wait, for a node with the same key or for memory.
+    /// Finds or computes the result of a node. Returns it (`None` if the node failed), and the nodes with the same key that waited for it.
+    /// Returns `None` if the node itself must wait, for a node with the same key or for memory.
     fn run_node(&self, index: usize) -> Option<(Option<Arc<NodeRecord>>, Vec<usize>)> {
         let node = &self.graph.nodes()[index];
         let ran_above = node.links.iter().any(|link| self.has_run(link.node));
@@ -289,7 +289,7 @@ impl<'a> Run<'a> {
                 None => drop(flight.insert(key, Vec::new())),
             }
             drop(flight);
-            // The lock has been released, so that no other node has to wait while the server is asked.
+            // Ask the server only after the lock is released, so that other nodes need not wait for the reply.
             known = known.or_else(|| self.fetch(index, key));
             if is_believed && let Some(outcome) = known.take() {
                 let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
@@ -300,7 +300,7 @@ impl<'a> Run<'a> {
                     match self.compute(index, parts, key, &files, known) {
                         Some(done) => done,
                         None => {
-                            // The node must wait for memory. The nodes that wait for its result must wait, too.
+                            // The node must wait for memory, and so must the nodes that wait for its result.
                             let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
                             self.memory.wait(waiters);
                             return None;
@@ -314,13 +314,13 @@ impl<'a> Run<'a> {
                 }
                 Err(error) => self.fail(index, error),
             };
-            // The result is in the cache now, where later nodes with this key find it. So the key is no longer in flight.
+            // Remove the key from `in_flight`: the result is in the cache now, where later nodes with this key find it.
             let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
             return Some((done, waiters));
         }
     }
 
-    /// Returns everything from which the node is computed.
+    /// Returns the parts of the node's key: everything from which the node is computed.
     pub(super) fn parts(&self, node: &GraphNode) -> Result<Parts, Error> {
         let inputs = node
             .links
@@ -333,7 +333,7 @@ impl<'a> Run<'a> {
         Ok(Parts { recipe: node.recipe.clone(), inputs, files: files.collect::<Result<_, _>>()? })
     }
 
-    /// Returns the known result for the key. It is either reused, or compared with a newly computed result.
+    /// Returns the known result for the key, which is then either reused or compared with a newly computed result.
     fn known_outcome(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
         match self.plan.tasks[index] {
             Task::Look => self.find(index, key),
@@ -345,9 +345,9 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Returns the result with this key from memory, the last evaluation or the disk.
+    /// Returns the result with this key from memory, from the last evaluation or from disk.
     pub(super) fn find(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
-        // Results in this process are preferred to results on disk.
+        // Prefer results in this process to results on disk.
         let found = self.evaluator.cache.find(key).or_else(|| {
             let before = self.last_result(index).filter(|before| before.key == key)?;
             Some(before.outcome.clone())
@@ -359,8 +359,8 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// Fetches a result that another machine computed. The server is not asked about a node with a new input, because no machine can have
-    /// such a result. So for an unknown graph, the server is asked only about nodes without dependencies.
+    /// Fetches a result that another machine computed. Does not ask the server if an input of the node is new to all machines: then no
+    /// machine can have the result. So for a graph that no machine knows, the server is asked only about nodes without dependencies.
     fn fetch(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
         let node = &self.graph.nodes()[index];
         let asks = self.plan.tasks[index] == Task::Look
@@ -407,12 +407,12 @@ impl<'a> Run<'a> {
         Arc::new(NodeRecord { parts, key, outcome })
     }
 
-    /// Returns true if the values of the nodes `roots` are in memory.
+    /// Returns true if the values of those nodes in `roots` that have a result are in memory.
     pub(super) fn has_values(&self, roots: &[usize]) -> bool {
         roots.iter().all(|&root| self.result_of(root).is_none_or(|done| done.outcome.has_values()))
     }
 
-    /// Returns the values of the nodes `roots`, sorted by node. Nodes without values are left out.
+    /// Returns the values of the nodes `roots`, sorted by the index of the node. Nodes without values are left out.
     pub(super) fn values_of(&self, roots: &[usize]) -> Vec<(usize, Values)> {
         let mut roots = roots.to_vec();
         roots.sort_unstable();
@@ -421,7 +421,7 @@ impl<'a> Run<'a> {
         values.filter_map(|root| Some((root, self.values(root).ok()?))).collect()
     }
 
-    /// Returns the visited nodes with their results, and their events, in the order of the graph.
+    /// Returns the visited nodes with their results, and the events of the nodes, both in the order of the graph.
     pub(super) fn into_results(self) -> (VisitedNodes, Vec<NodeEvent>) {
         let visited = self.slots.into_iter().filter_map(|slot| {
             let done = slot.result.into_inner()?;
@@ -430,7 +430,8 @@ impl<'a> Run<'a> {
         let visited = visited.collect();
         let mut events = self.events.into_inner().unwrap_or_else(|broken| broken.into_inner());
         events.sort_by_key(|event| event.index);
-        // A node may have two events: it was found in the cache, and then computed because its values were damaged. The later event counts.
+        // Keep only the last event of each node. A node has two events if it was found in the cache and then computed because its values
+        // were damaged.
         events.reverse();
         events.dedup_by_key(|event| event.index);
         events.reverse();

@@ -1,4 +1,4 @@
-//! The last known results of a graph's nodes, each with the parts from which it was computed.
+//! The last known results of a graph's nodes. Each has the parts from which it was computed.
 
 use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
@@ -11,41 +11,41 @@ use super::cache::Outcome;
 use super::disk::Disk;
 use super::key::Parts;
 
-/// A result with its key. A result never becomes invalid, because the key covers everything from which it was computed.
+/// A result of a node with its key. It never becomes invalid, because the key covers everything from which it was computed.
 pub(super) struct NodeRecord {
     pub(super) parts: Parts,
     pub(super) key: Hash,
     pub(super) outcome: Arc<Outcome>,
 }
 
-/// The nodes that an evaluation has visited, each with its result, or `None` if it has no result.
+/// The nodes that an evaluation has visited, by index. The result is `None` if the node failed or was not run.
 pub(super) type VisitedNodes = Vec<(usize, Option<Arc<NodeRecord>>)>;
 
 /// The last results of a graph's nodes, in the order of the graph.
 pub(super) struct Snapshot {
     /// The path of the graph file.
     pub(super) graph: PathBuf,
-    /// The identity of the graph's topology.
+    /// A hash of the names, recipes and links of all nodes of the graph.
     pub(super) shape: Hash,
-    /// The identities of the graph's nodes; empty if they are unknown.
+    /// For each node, a hash of its name, recipe and links. Empty if these hashes are unknown.
     pub(super) identities: Arc<[Hash]>,
-    /// The names of the nodes. They are followed by the names of elements that this version of the graph does not list: elements of a
-    /// `ForEach` over data.
+    /// The names of the nodes. After them come the names of loop elements that the graph does not list, because their `ForEach` over data
+    /// is not expanded.
     pub(super) names: Arc<[String]>,
     pub(super) results: Vec<Option<Arc<NodeRecord>>>,
     /// For each node, true if the last evaluation requested the node and the node has a result.
     pub(super) is_current: Vec<bool>,
-    /// The index of each name. Computed when it is first needed.
+    /// The index of each name in `names`, computed when it is first needed.
     pub(super) positions: OnceLock<HashMap<String, usize>>,
 }
 
 impl Snapshot {
-    /// Returns the result of a node in the last evaluation.
+    /// Returns the result that the node got in the last evaluation, or `None` if it was not requested or failed.
     pub(super) fn current(&self, index: usize) -> Option<&Arc<NodeRecord>> {
         self.results[index].as_ref().filter(|_| self.is_current[index])
     }
 
-    /// Returns the result of a node in the last evaluation, if the graph still has a node with the same recipe and links at this index.
+    /// Returns the result that the node got in the last evaluation, if its name, recipe and links have not changed since.
     pub(super) fn current_if_unchanged(
         &self,
         graph: &Graph,
@@ -55,7 +55,7 @@ impl Snapshot {
         self.current(index).filter(|_| *identity == graph.topology().identities[index])
     }
 
-    /// Writes those results to disk that were computed while writing to disk was turned off.
+    /// Writes results to disk that were computed while writing to disk was turned off.
     pub(super) fn save_unsaved(&self, disk: &Disk) {
         for done in self.results.iter().flatten().filter(|done| done.outcome.take_unsaved()) {
             if let Some(values) = done.outcome.values() {
@@ -64,7 +64,7 @@ impl Snapshot {
         }
     }
 
-    /// Returns the last result of the node with this name. `near` is the probable index of the node.
+    /// Returns the last result of the node with this name. `near` is a guess of the node's index, for speed.
     pub(super) fn last_result(&self, name: &str, near: usize) -> Option<&Arc<NodeRecord>> {
         let index = match self.names.get(near) {
             Some(there) if there == name => near,
@@ -73,8 +73,8 @@ impl Snapshot {
         self.results[index].as_ref()
     }
 
-    /// Returns the results of elements that the graph does not list at present, because their `ForEach` has not been expanded. These
-    /// results stay valid.
+    /// Returns the results of loop elements that the graph does not list, because their `ForEach` is not expanded. These results stay
+    /// valid.
     pub(super) fn elements(
         &self,
         graph: &Graph,

@@ -11,9 +11,9 @@ use super::key::Change;
 /// The state of a node after an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// The node did not run, and nothing that it depends on ran.
+    /// Neither the node nor any of its dependencies ran.
     Cached,
-    /// The node did not run, because its dependencies were computed again with equal results.
+    /// The node did not run: its dependencies were computed again, but their results did not change.
     Equal,
     /// The node ran and succeeded.
     Computed,
@@ -41,25 +41,25 @@ impl State {
 pub(crate) enum Reason {
     /// Nothing that the node depends on changed.
     Unchanged,
-    /// The inputs of the node were computed again and are equal to the old ones.
+    /// The inputs of the node were computed again and did not change.
     SameInputs,
-    /// Something changed back to an earlier state, whose result is in the cache.
+    /// The node changed back to an earlier state, whose result was still in the cache.
     Before(Change),
-    /// The node has no earlier result.
+    /// The node has no earlier result to compare with.
     First,
-    /// Something changed since the last result of the node.
+    /// The node changed in this way since its last result.
     Changed(Change),
     /// The cached result of the node was dropped or is damaged.
     Lost,
-    /// The result of the node was so cheap that it was not written to disk.
+    /// The result of the node was not written to disk, because computing it again is cheap.
     Cheap,
     /// The user asked to compare cached results with new ones.
     Verified,
-    /// The file with this index may have changed. A forecast does not read large files to find out.
+    /// The file with this index may have changed. A forecast does not read large files, so it is not known.
     Unread(usize),
     /// The node depends on the node with this index.
     DependsOn(usize),
-    /// The node failed with this message.
+    /// The node failed with this error message.
     Error(String),
 }
 
@@ -90,7 +90,7 @@ impl Reason {
 fn in_words(change: &Change, node: &GraphNode) -> String {
     match change {
         Change::Kind { before } => format!("it was {} before", with_article(before)),
-        // The parameter of an input node is the hash of the input's value, so the hash is not shown.
+        // Do not show the change of an input node's parameter: it is only the hash of the input's value.
         Change::Parameter { .. } if node.kind() == INPUT => "it gets another value".to_owned(),
         Change::Parameter { path, before, now } => {
             let name = parameter_name(path);
@@ -110,7 +110,7 @@ pub struct NodeTrace {
     pub node: String,
     /// The state of the node.
     pub state: State,
-    /// True if the node ran and gave the same result as the last time.
+    /// True if the node ran and its result is the same as the last time.
     pub unchanged: bool,
     /// The reason for the state of the node.
     pub reason: String,
@@ -122,7 +122,7 @@ pub struct NodeTrace {
     pub thread: usize,
     /// The memory that the results of the node need, in bytes.
     pub bytes: usize,
-    /// The node's own estimate of its memory in bytes, if the node ran and gives one: see
+    /// The node's own estimate of its memory in bytes, or `None` if the node did not run or gives no estimate: see
     /// [`Node::estimate`](maquette_node::Node::estimate).
     pub estimate: Option<f64>,
     /// The warnings of the node.
@@ -130,7 +130,7 @@ pub struct NodeTrace {
 }
 
 impl NodeTrace {
-    /// Returns the trace as `--json` prints it.
+    /// Returns the trace as JSON, in the form that the option `--json` prints.
     pub fn to_json(&self) -> serde_json::Value {
         let mut json = json!({
             "name": self.name,
@@ -148,7 +148,7 @@ impl NodeTrace {
     }
 }
 
-/// The traces of all needed nodes, in the order of the graph.
+/// The traces of all nodes that an evaluation needed, in the order of the graph.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunTrace(pub Vec<NodeTrace>);
 
@@ -158,7 +158,7 @@ impl RunTrace {
         self.0.iter().filter(|node| node.state == state).count()
     }
 
-    /// Returns the trace in the format of Chrome's tracing page and Perfetto. Each node that ran is a bar, and each thread is a row.
+    /// Returns the trace in the format of Chrome's tracing page and Perfetto. Each thread is a row, and each node that ran is a bar in it.
     pub fn to_chrome(&self) -> serde_json::Value {
         let ran = self.0.iter().filter(|node| node.seconds > 0.0);
         let events = ran.map(|node| {
@@ -177,7 +177,7 @@ impl RunTrace {
     }
 }
 
-/// Prints one node per line: its state, its name and the reason. Times are not printed.
+/// Prints one line per node with its state, name and reason. Times are not printed.
 impl fmt::Display for RunTrace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let longest = self.0.iter().map(|node| node.name.len()).max().unwrap_or(0);

@@ -8,18 +8,18 @@ use std::time::{Duration, Instant};
 use super::lock;
 use super::run::Run;
 
-/// The time that a node gets to stop after a cancellation, before it is reported.
+/// The time after a cancellation before a node that is still running is reported.
 const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// The interval at which the watchdog checks for a cancellation.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 impl Run<'_> {
-    /// Runs the evaluation while a separate thread watches for nodes that ignore cancellation.
+    /// Runs `work` while a separate thread watches for nodes that do not stop after a cancellation.
     pub(super) fn run_with_watchdog<R>(&self, work: impl FnOnce() -> R) -> R {
         let (over, ended) = channel::<()>();
         scope(|scope| {
-            // If the thread cannot be started, the evaluation runs without the watchdog.
+            // Ignore an error: if the thread cannot be started, the evaluation runs without the watchdog.
             let _ = Builder::new().spawn_scoped(scope, move || self.watch_unresponsive(&ended));
             let result = work();
             drop(over);

@@ -1,4 +1,4 @@
-//! Forecasts: which nodes an evaluation would run, and why.
+//! Forecasts: predicts which nodes an evaluation would run, and why.
 
 use std::fmt::Write;
 use std::sync::Arc;
@@ -33,9 +33,9 @@ impl Forecast {
 pub(crate) enum Outlook {
     /// The node's result is in the cache.
     Cached,
-    /// The node would certainly be computed.
+    /// The node would certainly run.
     Runs,
-    /// The node depends on a node that would be computed. The node itself runs only if that computation gives another result.
+    /// The node may run. It depends on a node that would run, and is computed only if that node's result changes.
     MayRun,
     /// The node would fail: a file cannot be read, or no pack defines the type of the node.
     Fails,
@@ -50,14 +50,14 @@ pub struct LastResult {
     pub descriptions: Vec<String>,
     pub bytes: usize,
     pub seconds: f64,
-    /// True if the node would give the same result again. This is determined without running any node.
+    /// True if the node would give the same result again. This is determined without running a node.
     pub is_current: bool,
 }
 
 impl Evaluator {
-    /// Returns facts about the last result of each node, in this process or in another one. No node is run.
+    /// Returns facts about the last result of each node, from this process or another one. No node is run.
     pub(crate) fn last_results(&mut self, graph: &Graph) -> Vec<Option<LastResult>> {
-        // The record on disk is read again, because another process may have evaluated the graph since.
+        // Read the record on disk again, because another process may have evaluated the graph in the meantime.
         self.last = None;
         let all = Vec::from_iter(0..graph.nodes().len());
         let forecasts = self.forecast(graph, &all, &[]);
@@ -80,8 +80,8 @@ impl Evaluator {
             .collect()
     }
 
-    /// Returns the forecasts of the nodes `roots` and of all nodes that they depend on, in the order of the graph. The values of the nodes
-    /// `values` are assumed to be requested. Large files are not read.
+    /// Returns the forecasts of the nodes `roots` and of all their dependencies, in the order of the graph. The forecast assumes that the
+    /// values of the nodes `values` are requested. Large files are not read.
     pub(crate) fn forecast(
         &mut self,
         graph: &Graph,
@@ -107,7 +107,8 @@ impl Evaluator {
             };
             forecasts.push(Forecast { index, outlook, reason });
         }
-        // Nodes are handled in reverse order: a node that is computed needs the values of its dependencies, which may have been dropped.
+        // Go through the nodes in reverse order: a node that runs needs the values of its dependencies. If they have been dropped, the
+        // dependencies run, too.
         let mut needs = vec![None; graph.nodes().len()];
         values.iter().for_each(|&node| needs[node] = Some(Outlook::Runs));
         for Forecast { index, outlook, reason } in forecasts.iter_mut().rev() {
@@ -118,7 +119,7 @@ impl Evaluator {
             }
             if matches!(outlook, Outlook::Runs | Outlook::MayRun) {
                 for source in graph.topology().sources(*index) {
-                    // If the node certainly runs, it certainly needs the values of its inputs.
+                    // A node that certainly runs certainly needs the values of its inputs.
                     let is_sure = needs[source] == Some(Outlook::Runs);
                     needs[source] = Some(if is_sure { Outlook::Runs } else { *outlook });
                 }
@@ -127,19 +128,19 @@ impl Evaluator {
         forecasts
     }
 
-    /// Returns true if the values of a result are available without computing them. Large columns are not read for this check.
+    /// Returns true if the values of a result are in memory or on disk. Large columns are not read for this check.
     fn holds_values(&self, done: &NodeRecord) -> bool {
         done.outcome.has_values()
             || self.known_results().is_some_and(|disk| disk.has_whole_entry(done.key))
     }
 }
 
-/// Returns the forecast of a node, if there is one. `forecasts` is in the order of the graph.
+/// Returns the forecast of the node `index`, or `None`. `forecasts` is sorted by the index of the node.
 fn forecast_of(forecasts: &[Forecast], index: usize) -> Option<&Forecast> {
     forecasts.binary_search_by_key(&index, |it| it.index).ok().map(|place| &forecasts[place])
 }
 
-/// Returns the first input of a node that is missing because its node would fail.
+/// Returns the first dependency of a node that would fail or be skipped.
 fn failing_input(graph: &Graph, index: usize, forecasts: &[Forecast]) -> Option<usize> {
     let mut links = graph.nodes()[index].links.iter().map(|link| link.node);
     links.find(|&link| {
@@ -149,7 +150,7 @@ fn failing_input(graph: &Graph, index: usize, forecasts: &[Forecast]) -> Option<
 }
 
 impl Run<'_> {
-    /// Returns the reason for computing a lost result again.
+    /// Returns the reason why a known result must be computed again.
     fn lost_reason(&self, index: usize) -> Reason {
         match self.result_of(index) {
             Some(done) if done.outcome.seconds <= MIN_SECONDS_TO_KEEP => Reason::Cheap,
@@ -157,8 +158,8 @@ impl Run<'_> {
         }
     }
 
-    /// Returns the forecast of a node that has changed or depends on a changed node. The forecasts of its dependencies must be known. If
-    /// the node would not run, it gets its cached result.
+    /// Returns the forecast of a node that has changed or depends on a changed node. The forecasts of its dependencies must exist already.
+    /// If the node would not run, its cached result is stored in its slot.
     fn forecast(&self, index: usize) -> (Outlook, Reason) {
         let node = &self.graph.nodes()[index];
         if let Some(why) = node.node.missing_reason() {
@@ -179,7 +180,7 @@ impl Run<'_> {
             Err(error) => return (Outlook::Fails, Reason::Error(error.to_string())),
         };
         if let Some(unknown) = unknown {
-            // Compare everything except the inputs.
+            // The inputs are unknown, so compare everything else.
             parts.inputs = before.map_or_else(Box::default, |before| before.parts.inputs.clone());
             return match before.map(|before| parts.change(&before.parts)) {
                 None => (Outlook::Runs, Reason::First),
@@ -209,8 +210,8 @@ impl Run<'_> {
     }
 }
 
-/// Explains why a node would run or not, back to the change that causes it. `forecasts` must contain the node and all nodes that it depends
-/// on.
+/// Explains why a node would run or not, and follows its dependencies back to the change that causes it. `forecasts` must contain the node
+/// and all its dependencies.
 pub fn explanation(graph: &Graph, node: usize, forecasts: &[Forecast]) -> String {
     let Some(forecast) = forecast_of(forecasts, node) else { return String::new() };
     let (name, reason) = (&graph.nodes()[node].name, forecast.reason_in(graph));
@@ -259,7 +260,8 @@ impl Forecast {
         }
     }
 
-    /// Returns the reason in words. If a parameter has changed, the reason contains its position in the graph file.
+    /// Returns the reason for the forecast in words. If a parameter has changed, the reason contains the parameter's position in the graph
+    /// file.
     pub fn reason_in(&self, graph: &Graph) -> String {
         let node = &graph.nodes()[self.index];
         let text = self.reason.in_words(node, graph.nodes());

@@ -1,7 +1,8 @@
-//! Determines how many elements each `ForEach` over data (a loop) has. The data is evaluated before the rest of the graph.
+//! Determines how many elements each `ForEach` loop over data has. The data is evaluated before the rest of the graph.
 //!
-//! The last known counts, from this process or from a note on disk, are used as guesses. The node that splits the data reports if the real
-//! count is different. So if nothing has changed, nothing has to be evaluated first. Guesses that no evaluation has confirmed are dropped.
+//! The last known counts, from this process or from a note on disk, are used as guesses. So if nothing has changed, nothing has to be
+//! evaluated first. If a count is wrong, the node that splits the data into elements reports the real one. Guesses that no evaluation has
+//! confirmed are dropped.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -15,12 +16,12 @@ use super::{Session, Targets};
 use crate::eval::Observer;
 use crate::expect;
 
-/// The last known counts of elements, by the path of the graph file.
+/// The last known number of elements of each loop, by the path of the graph file.
 pub(super) type KnownCounts = BTreeMap<PathBuf, Counts>;
 
 impl Session {
-    /// Expands the loops on which the nodes `wanted` depend: each loop gets as many elements as its data has. The data is evaluated for
-    /// this purpose. If that fails, the loop keeps a single example element.
+    /// Expands the loops on which the nodes `wanted` depend, so that each loop has as many elements as its data. The data is evaluated for
+    /// this purpose. If that fails, the loop gets a single example element.
     pub(crate) fn resolve(
         &mut self,
         graph: &Graph,
@@ -37,16 +38,16 @@ impl Session {
             return graph.clone();
         }
         let mut counts = self.counts(graph);
-        // No node depends on data with a known count of zero. If such data now had elements or failed, nobody would notice, so the count is
-        // dropped.
+        // Drop counts of zero: if a loop has no elements, no node depends on its data. So nobody would notice if the data had elements now
+        // or failed.
         counts.retain(|_, count| matches!(count, Count::Of(1..)));
         let mut found = self.expand(graph, &mut counts);
         let mut confirmed = BTreeSet::new();
-        // The loops whose counts are only guessed from similar loops.
+        // The loops whose counts are guesses, taken from similar loops.
         let mut guessed = BTreeSet::new();
-        // True if data with a known count fails. Then the count belongs to other data.
+        // True if the data of a loop with a known count fails. Then the count is outdated.
         let mut has_failed = false;
-        // In each round, the count of one more loop in a chain of dependent loops becomes known, and the counts of all loops whose guesses
+        // Each round finds the count of one more loop in a chain of dependent loops. It also finds the counts of all loops whose guesses
         // were right.
         loop {
             let loops = needed_loops(&found, &wanted);
@@ -88,7 +89,7 @@ impl Session {
                 self.expand(graph, &mut counts)
             });
         }
-        // The data is unknown, so one example element represents all elements.
+        // The counts are unknown, so represent all elements of such a loop by a single example element.
         if has_failed || !guessed.is_empty() {
             counts.retain(|name, _| !guessed.contains(name));
             found = self.expand(graph, &mut counts);
@@ -98,7 +99,7 @@ impl Session {
         found.with_counted(confirmed)
     }
 
-    /// Like `resolve`, for nodes that are given by name.
+    /// Expands the loops on which the named nodes depend, like `resolve`.
     pub fn resolve_for(
         &mut self,
         graph: &Graph,
@@ -117,7 +118,7 @@ impl Session {
         self.expand(graph, &mut counts)
     }
 
-    /// Returns the graph with its loops expanded to the given counts. If a count is wrong, the evaluation reports that.
+    /// Returns the graph with its loops expanded to the given counts. If a count is wrong, the evaluation reports it.
     fn expand(&self, graph: &Graph, counts: &mut Counts) -> Graph {
         fn refusal(diagnostics: Vec<Diagnostic>) -> Count {
             let first = diagnostics.into_iter().next().map(|diagnostic| diagnostic.message);
@@ -131,7 +132,7 @@ impl Session {
         found.unwrap_or_else(|_| graph.clone())
     }
 
-    /// Returns the last known counts of the graph, from this process or another one.
+    /// Returns the last known counts of the graph's loops, from this process or from a note on disk.
     fn counts(&self, graph: &Graph) -> Counts {
         let file = &graph.source().name;
         self.known_counts
@@ -164,11 +165,11 @@ impl Session {
     }
 }
 
-/// The maximum number of elements that are guessed at a time. Wrong guesses are wasted work.
+/// The maximum total number of elements that are guessed in one round. A wrong guess wastes work.
 const MAX_GUESSED: usize = 10_000;
 
-/// Guesses the unknown counts of loops. Several graphs may use one file, so a loop is assumed to have the count of another loop at the same
-/// position in the same file. If the guess is right, a chain of such loops needs no more rounds than one loop.
+/// Guesses the unknown counts of loops. If several graphs use the same file, a loop in it is assumed to have equal counts in all of them.
+/// If the guesses are right, a chain of such loops needs no more rounds than one loop.
 fn guesses(graph: &Graph, open: &[Loop], found: &[(&Loop, usize)], known: &Counts) -> Counts {
     fn place(
         it: &Loop,
@@ -189,7 +190,7 @@ fn guesses(graph: &Graph, open: &[Loop], found: &[(&Loop, usize)], known: &Count
     .collect()
 }
 
-/// Returns the requested nodes that the graph already has while some loops are not expanded.
+/// Returns the requested nodes. Nodes that exist only after a loop is expanded are left out.
 pub(super) fn wanted_nodes(graph: &Graph, wanted: &Targets) -> Vec<usize> {
     let output_nodes = || graph.outputs().iter().map(|output| output.node);
     fn nodes_of_names(names: &[String], graph: &Graph) -> Vec<usize> {
@@ -205,7 +206,7 @@ pub(super) fn wanted_nodes(graph: &Graph, wanted: &Targets) -> Vec<usize> {
     }
 }
 
-/// Adds the nodes whose values are needed to check the expectations for `nodes`.
+/// Adds the nodes whose values are needed to check the expectations about `nodes`.
 pub(super) fn with_expected_nodes(graph: &Graph, mut nodes: Vec<usize>) -> Vec<usize> {
     nodes.extend(expect::nodes_of(&graph.expectations_for(&nodes)));
     nodes

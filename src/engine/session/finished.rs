@@ -21,8 +21,8 @@ pub struct RunResult {
 }
 
 impl RunResult {
-    /// Returns the value with this name if it was requested and did not fail. The name is that of an output of the graph, a node (for its
-    /// first output), or an output of a node: `node.output`.
+    /// Returns the value with this name, if it was requested and did not fail. The name is that of an output of the graph, of a node
+    /// (meaning its first output), or of an output of a node: `node.output`.
     pub fn value(&self, name: &str) -> Option<&AnyValue> {
         let (node, output) = self.graph.find_value(name)?;
         self.evaluation.value(node, output)
@@ -38,26 +38,26 @@ impl RunResult {
         value.get().ok_or_else(|| format!("`{name}` is {kind}, not {}", with_article(T::NAME)))
     }
 
-    /// Returns the value of a node's output; both are given by index.
+    /// Returns the value of an output of a node. Both are given by index: first the node, then its output.
     pub fn value_at(&self, (node, output): (usize, usize)) -> Option<&AnyValue> {
         self.evaluation.value(node, output)
     }
 
-    /// Returns the value of an output of a node or of a use of a graph, if it was requested and did not fail. An output of the graph with
-    /// the same name is ignored.
+    /// Returns the value of an output of a node, if it was requested and did not fail. The node may use another graph. Outputs of the whole
+    /// graph are not searched.
     pub fn value_of(&self, node: &str, output: &str) -> Option<&AnyValue> {
         self.evaluation.find(&self.graph, node, output)
     }
 
-    /// Returns the values of all outputs of a node, if all are present.
+    /// Returns the values of all outputs of a node, or `None` if one of them is missing.
     pub(crate) fn values_of_node(&self, name: &str) -> Option<Vec<AnyValue>> {
         let node = self.graph.find(name)?;
         let outputs = 0..self.graph.nodes()[node].outputs.len();
         outputs.map(|output| self.evaluation.value(node, output).cloned()).collect()
     }
 
-    /// Returns the files to which an output of the graph would be written, all in one folder. Returns `None` if the value of the output is
-    /// missing.
+    /// Returns the files to which an output of the graph would be written, all in one folder. Returns `None` if the output was not
+    /// requested or failed.
     ///
     /// # Errors
     /// If the value cannot be written in the output's format.
@@ -66,13 +66,13 @@ impl RunResult {
         self.evaluation.files(output, None)
     }
 
-    /// Returns the provenance of a requested output of the graph.
+    /// Returns the provenance of an output of the graph: everything from which it was made. The output must have been requested.
     pub fn provenance(&self, output: &GraphOutput, catalog: &Catalog) -> Provenance {
         let builder = ProvenanceBuilder::new(&self.graph, catalog);
         builder.provenance(output, |node| self.evaluation.files_read_by(node))
     }
 
-    /// Returns the files of an output; the files contain the signature. Returns `None` if the value of the output is missing.
+    /// Returns the files of an output, with the signature of its provenance written into them. Returns `None` if the value is missing.
     pub fn signed_files(
         &self,
         output: &GraphOutput,
@@ -81,13 +81,12 @@ impl RunResult {
         self.evaluation.files(output, signature)
     }
 
-    /// Returns the trace of the nodes, each after its dependencies.
+    /// Returns the trace of the nodes. Each node comes after its dependencies.
     pub fn trace(&self) -> RunTrace {
         self.evaluation.trace()
     }
 
-    /// Returns all errors and warnings: those of nodes, of violated expectations, and of nodes of unknown types on which requested nodes
-    /// depend.
+    /// Returns all errors and warnings: those of nodes, violated expectations, and nodes of unknown types on which requested nodes depend.
     pub fn diagnostics(&self) -> Vec<Diagnostic> {
         let violations = self.violations.iter().map(|violation| violation.diagnostic.clone());
         self.evaluation.unknown_types().chain(self.failures()).chain(violations).collect()
@@ -103,7 +102,7 @@ impl RunResult {
         expect::violations(&self.graph, self.evaluation.values_by_output(), expected)
     }
 
-    /// Returns the graph that was run, with its inputs.
+    /// Returns the graph that was run, with the values of its inputs.
     pub fn graph(&self) -> &Graph {
         &self.graph
     }
@@ -112,24 +111,24 @@ impl RunResult {
 /// The files and diagnostics of a run that wrote outputs.
 pub struct OutputReport {
     pub(super) evaluation: Evaluation,
-    /// The files that are up to date now, including those that did not have to be written.
+    /// The files that are up to date now. Includes files that did not need to be written.
     pub written: Vec<OutputFile>,
-    /// True if all files whose values exist were written or up to date.
+    /// True if every output whose value exists is up to date on disk.
     pub complete: bool,
-    /// True if something failed because memory or disk space was insufficient, or because a file could not be read or written. Then the
-    /// same run may succeed later.
+    /// True if something failed because memory or disk space was short, or because a file could not be read or written. The same run may
+    /// then succeed later.
     pub may_succeed_later: bool,
     /// The errors and warnings of nodes, expectations and files.
     pub diagnostics: Vec<Diagnostic>,
 }
 
 impl OutputReport {
-    /// Returns the trace of the nodes, each after its dependencies.
+    /// Returns the trace of the nodes. Each node comes after its dependencies.
     pub fn trace(&self) -> RunTrace {
         self.evaluation.trace()
     }
 
-    /// Returns the time that reading the files of nodes took, in seconds, summed over all threads.
+    /// Returns the time spent reading the files of nodes, in seconds, summed over all threads.
     pub fn seconds_of_files(&self) -> f64 {
         self.evaluation.seconds_of_files()
     }

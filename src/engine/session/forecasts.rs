@@ -10,7 +10,7 @@ use crate::eval::{Forecast, LastResult, explanation};
 use crate::expect;
 
 impl Session {
-    /// Returns what is known about the values in the input files of a graph. Large files are not read.
+    /// Returns what is known about the values of a graph's inputs from notes and small files. Large files are not read.
     ///
     /// # Errors
     /// As [`read_inputs`](Self::read_inputs).
@@ -22,7 +22,7 @@ impl Session {
         inputs::read_known(self, graph, files)
     }
 
-    /// Returns the graph with [known inputs](Self::known_inputs), for a forecast: see [`bind_inputs`](Self::bind_inputs).
+    /// Returns the graph with its [known inputs](Self::known_inputs), for a forecast. Works like [`bind_inputs`](Self::bind_inputs).
     ///
     /// # Errors
     /// As [`bind_inputs`](Self::bind_inputs).
@@ -37,9 +37,9 @@ impl Session {
         graph.with_known_inputs(inputs, &self.catalog)
     }
 
-    /// Returns the forecast of each node for a run that writes the outputs `only` (or all outputs if the list is empty) to a folder. The
-    /// graph must have its [last known counts](Self::with_last_counts). Large files are not read: if one of them may have changed, the
-    /// forecast is that the nodes that depend on it may run.
+    /// Returns the forecast of each node for a run that writes the outputs `only` to a folder. An empty list stands for all outputs. The
+    /// loops of the graph must be expanded to their [last known counts](Self::with_last_counts). Large files are not read: if one may have
+    /// changed, the nodes that depend on it are forecast as possibly running.
     pub fn dry_run(
         &mut self,
         graph: &Graph,
@@ -57,8 +57,8 @@ impl Session {
         Ok(self.evaluator.forecast(graph, &nodes, &values))
     }
 
-    /// Returns the forecasts of the given nodes and of their dependencies for a run that requests their values. Values are also needed if
-    /// their expectations are not known to hold.
+    /// Returns the forecasts of the given nodes and of their dependencies, for a run that requests the nodes' values. Values whose
+    /// expectations are not known to hold count as requested, too, because they must be checked.
     pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
         let needed = graph.topology().needed_by(nodes);
         let (_, open) = self.open_expectations(graph, &graph.expectations_for(nodes));
@@ -68,14 +68,14 @@ impl Session {
         self.evaluator.forecast(graph, nodes, &values)
     }
 
-    /// Returns facts about the last result of each node, in this process or another one. No node is run. The graph must have its [last
-    /// known counts](Self::with_last_counts).
+    /// Returns facts about the last result of each node, from this process or another one. No node is run. The loops of the graph must be
+    /// expanded to their [last known counts](Self::with_last_counts).
     pub fn last_results(&mut self, graph: &Graph) -> Vec<Option<LastResult>> {
         self.evaluator.last_results(graph)
     }
 
-    /// Explains why a node would run or not since the last evaluation, in one or more lines. For a use of a graph, explains this for each
-    /// node that computes an output of the use. Returns `None` if the graph has no node or use with this name.
+    /// Explains in one or more lines why the node `name` would run or not in the next evaluation. If the node uses another graph, explains
+    /// it for each node that computes one of its outputs. Returns `None` if there is no such node.
     pub fn explain(&mut self, graph: &Graph, name: &str) -> Option<String> {
         let graph = &self.with_last_counts(graph);
         let nodes = graph.nodes_of(name);

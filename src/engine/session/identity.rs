@@ -1,4 +1,4 @@
-//! The identity of a graph, which is known before anything is run. It shows whether a result on disk belongs to the graph.
+//! The identity of a graph: a hash that is known before anything is run. It shows whether a result on disk belongs to the graph.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,31 +12,31 @@ use super::Session;
 use super::provenance::ProvenanceBuilder;
 use crate::eval::Disk;
 
-/// The files that a graph reads, with their hashes and stamps.
+/// The files that a graph reads, with their hashes and metadata.
 #[derive(Default)]
 pub struct ReadFiles {
-    /// The hash of each file by its path in the project; `None` for a missing file.
+    /// The hash of each file, by the path of the file in the project. `None` for a missing file.
     pub by_name: BTreeMap<String, Option<Hash>>,
-    /// The stamps (metadata) of the files. A file with an equal stamp need not be read again.
+    /// The metadata (stamps) of the files. A file whose metadata has not changed need not be read again.
     pub stamps: Vec<KnownFile>,
-    /// The first file that was not read because a forecast does not read large files.
+    /// The first file that was skipped because it is large and forecasts do not read large files.
     pub first_unread: Option<String>,
 }
 
 impl Session {
-    /// Returns the id of this build of the program with its packs.
+    /// Returns an identifier of this build of the program and its packs.
     pub fn build(&self) -> String {
         let of_disk = self.evaluator.disk().map(Disk::program);
         of_disk.unwrap_or_else(|| env!("CARGO_PKG_VERSION").to_owned())
     }
 
-    /// Adds the stamps of files that were read earlier.
+    /// Adds the metadata and hashes of files that were read earlier, so that unchanged files need not be read again.
     pub fn remember_files(&self, files: Vec<KnownFile>) {
         self.evaluator.known_files().extend(files);
     }
 
-    /// Returns the files that a graph reads if `inputs` are the files with the values of its inputs. Returns `None` if one of them cannot
-    /// be read. A forecast does not read large files.
+    /// Returns the files that a graph reads, including the files `inputs` with the values of its inputs. Returns `None` if one of them
+    /// cannot be read. In a forecast, large files are skipped.
     pub fn files_of(
         &self,
         graph: &Graph,
@@ -66,7 +66,7 @@ impl Session {
             }
             let hash = match reads.hash(file) {
                 Ok(hash) => hash,
-                // It is known that the file is missing. If the file appears later, that is a change.
+                // The graph already treats the file as missing, so this is not an error. If the file appears later, that is a change.
                 Err(_) if file.missing.is_some() && !file.path.exists() => None,
                 Err(_) => return None,
             };
@@ -76,8 +76,8 @@ impl Session {
         Some(files)
     }
 
-    /// Returns the hash of everything that a graph computes and expects. The hash does not depend on the contents of the files that the
-    /// graph reads.
+    /// Returns a hash of everything that a graph computes and expects. It does not depend on the contents of the files that the graph
+    /// reads.
     pub fn graph_identity(&self, graph: &Graph) -> Hash {
         let made = self.node_identities(graph);
         let files = graph.outputs().iter().map(|it| (&it.name[..], it.node, it.output));
@@ -100,7 +100,7 @@ impl Session {
         Hash::compute(words.as_bytes())
     }
 
-    /// Returns the identity of each node, which does not depend on the contents of files.
+    /// Returns a hash of each node and all its dependencies. It does not depend on the contents of files.
     pub fn node_identities(&self, graph: &Graph) -> Vec<Hash> {
         ProvenanceBuilder::new(graph, &self.catalog).into_identities()
     }

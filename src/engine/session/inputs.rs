@@ -1,5 +1,5 @@
-//! Reads the values of a graph's inputs from files. A forecast does not read large files; it uses the notes that were stored when the files
-//! were read.
+//! Reads the values of a graph's inputs from files. A forecast does not read large files. Instead, it uses notes that were stored when the
+//! files were last read.
 
 use std::path::{Path, PathBuf};
 
@@ -57,7 +57,7 @@ pub(super) fn read_known(
     })
 }
 
-/// Returns the key of the note about the value that a file contains if it is read as this type.
+/// Returns the key of the note about a value: the value of type `kind` that the file at `path` contains.
 fn note_of(path: &Path, kind: &ValueType) -> Option<PathBuf> {
     Some(std::fs::canonicalize(path).ok()?.join(kind.name))
 }

@@ -25,7 +25,7 @@ use crate::writing::{
     Destination, PreviousFiles, RecycledFile, Rewritten, Sources, WriteError, write_at,
 };
 
-/// A file of an output on disk.
+/// A file on disk that contains an output of a graph, or a part of it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct OutputFile {
     /// The name of the output.
@@ -36,15 +36,15 @@ pub struct OutputFile {
     pub bytes: usize,
     /// The hash of the file's content.
     pub hash: Hash,
-    /// True if the file already had the right bytes.
+    /// True if the file already had the right bytes and was not written.
     pub unchanged: bool,
-    /// The time that encoding and writing the file took in this run, in seconds.
+    /// The time spent encoding and writing the file in this run, in seconds.
     #[serde(skip)]
     pub seconds: f64,
 }
 
 impl OutputFile {
-    /// Returns the file as `--json` prints it.
+    /// Returns the file as JSON, in the form that the option `--json` prints.
     pub fn to_json(&self) -> serde_json::Value {
         json!({
             "name": self.output,
@@ -55,50 +55,50 @@ impl OutputFile {
     }
 }
 
-/// The folder of a graph's outputs, and the known facts about the files in it.
+/// The folder for a graph's outputs, and what is known about the files in it.
 ///
-/// If a file already has the right bytes, it is not written. Otherwise viewers and build tools would take it for a new file.
+/// A file that already has the right bytes is not written again. Otherwise viewers and build tools would take it for a new file.
 pub struct OutputFolder {
     folder: PathBuf,
-    /// True if the user has given the folder. Then the folder may be anywhere.
+    /// True if the user has given the folder explicitly. Then it may be anywhere; otherwise it must be in the current folder.
     is_given: bool,
-    /// True if provenance is written into the files.
+    /// True if the provenance of each output is written into its files.
     writes_provenance: bool,
-    /// Files that are never replaced, in addition to those of the graph.
+    /// Files that must not be replaced, in addition to those that belong to the graph.
     kept: Sources,
-    /// For each output, its files and the hash of the data from which they were made.
+    /// The known files of each output, by the name of the output.
     known: Mutex<HashMap<String, KnownOutput>>,
 }
 
 #[derive(Serialize, Deserialize)]
 struct KnownOutput {
-    /// The hash of the value and the provenance from which the files were made.
+    /// The hash of the value and provenance from which the files were made.
     made_of: Hash,
-    /// Each file with its stamp. The stamp is `None` if another program changed the file while it was written.
+    /// The files of the output, each with its metadata. The metadata is `None` if another program changed the file while it was written.
     files: Vec<(OutputFile, Option<VerifiedStamp>)>,
-    /// Warnings about parts of the value that the file format cannot store.
+    /// Warnings about the parts of the value that the file format cannot store.
     #[serde(rename = "doubts")]
     warnings: Vec<String>,
-    /// The state that makes it cheap to write the files again.
+    /// For each file, state that makes it faster to write the file again.
     #[serde(skip)]
     rewrite_states: Vec<RewriteState>,
 }
 
-/// The state of a large file that makes it cheap for this process to write the file again.
+/// State that makes it faster for this process to write a large file again.
 #[derive(Default)]
 struct RewriteState {
     pieces: Pieces,
     #[expect(dead_code, reason = "others find it as long as it is there")]
     kept: CachedData,
-    /// The earlier version of the file that was replaced and can be overwritten.
+    /// The replaced version of the file, which the next write can overwrite.
     recycled: Option<RecycledFile<Pieces>>,
 }
 
-/// The stamp (metadata) that a file had when its content was last known.
+/// The metadata (stamp) that a file had when its content was known.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct VerifiedStamp {
     stamp: FileStat,
-    /// True if any later write changes the stamp. If it is false, an equal stamp does not prove that the file is unchanged.
+    /// True if any later write is certain to change the metadata. If false, equal metadata does not prove that the file is unchanged.
     settled: bool,
 }
 
@@ -108,13 +108,13 @@ impl VerifiedStamp {
         Some(Self { stamp, settled: stamp.is_settled() })
     }
 
-    /// Returns true if the file is unchanged.
+    /// Returns true if `file` still has the content with the known hash.
     fn is_unchanged(&mut self, file: &OutputFile) -> bool {
         self.holds(&file.path, file.hash)
     }
 
-    /// Returns true if the file at this path still has the content with this hash. If the stamp does not prove that, the file is read, and
-    /// the stamp may become settled.
+    /// Returns true if the file at this path still has the content with this hash. Reads the file if its metadata does not prove that. The
+    /// metadata may become settled.
     pub fn holds(&mut self, path: &Path, content: Hash) -> bool {
         if FileStat::read(path) != Some(self.stamp) {
             return false;
@@ -129,19 +129,19 @@ impl VerifiedStamp {
         is_right
     }
 
-    /// Returns true if the stamp alone proves that the file is unchanged.
+    /// Returns true if equal metadata is enough to prove that the file is unchanged.
     pub fn is_settled(&self) -> bool {
         self.settled
     }
 }
 
-/// Returns the default output folder: `out/doll` for `graphs/doll.ron`.
+/// Returns the default output folder of a graph, for example `out/doll` for `graphs/doll.ron`.
 fn default_folder(graph: &Path) -> PathBuf {
     Path::new("out").join(graph.file_stem().unwrap_or_default())
 }
 
 impl OutputFolder {
-    /// Creates the output folder of a graph: the folder that the user has given, otherwise `out/GRAPH` in the current folder.
+    /// Creates the output folder of a graph. If `folder` is `None`, it is `out/GRAPH` in the current folder.
     pub fn new(folder: Option<&Path>, graph: &Path) -> Self {
         let named = folder.is_some();
         let folder = folder.map_or_else(|| default_folder(graph), Path::to_owned);
@@ -154,7 +154,8 @@ impl OutputFolder {
         }
     }
 
-    /// Creates the output folder of a task. `named` is true if the user has given the folder, and `signs` is true if provenance is written.
+    /// Creates the output folder of a task. `named` is true if the user has given the folder explicitly. `signs` is true if provenance is
+    /// written.
     pub fn of_task(folder: &Path, named: bool, signs: bool) -> Self {
         Self { is_given: named, writes_provenance: signs, ..Self::new(Some(folder), folder) }
     }
@@ -165,8 +166,8 @@ impl OutputFolder {
         Self { writes_provenance: false, ..self }
     }
 
-    /// Creates the output folder of a draft: the folder that the user has given, otherwise `out/GRAPH-draft`. The different name prevents
-    /// that drafts are mistaken for final results.
+    /// Creates the output folder of a draft. If `folder` is `None`, it is `out/GRAPH-draft`. The different name prevents drafts from being
+    /// mistaken for final results.
     pub fn of_draft(folder: Option<&Path>, graph: &Path) -> Self {
         let mut name = graph.file_stem().unwrap_or_default().to_owned();
         name.push("-draft");
@@ -176,7 +177,7 @@ impl OutputFolder {
         }
     }
 
-    /// Adds files that must never be replaced.
+    /// Adds files that must not be replaced.
     #[must_use]
     pub fn keeping<'a>(mut self, files: impl Iterator<Item = &'a Path>) -> Self {
         files.for_each(|file| self.kept.add(file, "it is an input"));
@@ -188,8 +189,8 @@ impl OutputFolder {
         &self.folder
     }
 
-    /// Returns the destination that allows writing inside of the folder. Unless the user has given the folder, links must not lead out of
-    /// it.
+    /// Returns the destination that limits writing to this folder. If the user has not given the folder explicitly, links must not lead out
+    /// of it.
     pub fn destination<'a>(&self, sources: &'a Sources) -> Destination<'a> {
         match self.is_given {
             true => Destination::folder(&self.folder, sources),
@@ -197,7 +198,7 @@ impl OutputFolder {
         }
     }
 
-    /// Loads the record that the last process stored about the files in the folder.
+    /// Loads the record of the files in the folder, which an earlier process has stored.
     pub(super) fn recall(&self, evaluator: &Evaluator) {
         let note = evaluator.disk().and_then(|disk| disk.note(&self.folder));
         if let Some(known) = note.and_then(|note| serde_json::from_slice(&note).ok()) {
@@ -205,12 +206,12 @@ impl OutputFolder {
         }
     }
 
-    /// Stores a record about the files in the folder, for the next process.
+    /// Stores a record of the files in the folder for later processes.
     pub(super) fn keep(&self, evaluator: &Evaluator) {
         let known = self.lock();
         if let (Some(disk), Ok(note)) = (evaluator.disk(), serde_json::to_vec(&*known)) {
-            // Files that are written in pieces may overwrite older files, so they are recorded only after they are on disk. If the machine
-            // stopped before that, such a file would have the right length and time but wrong content.
+            // Store the record only after large files are on disk, because they may overwrite older files. If the machine stopped before
+            // that, such a file would have the right length and time but wrong content.
             let files =
                 known.values().flat_map(|known| known.files.iter().zip(&known.rewrite_states));
             let over = files.filter(|(_, again)| !again.pieces.is_empty());
@@ -219,13 +220,12 @@ impl OutputFolder {
         }
     }
 
-    /// Removes the old versions of large files that are kept next to them to be overwritten.
+    /// Removes the replaced versions of large files, which are kept in the same folder to be overwritten later.
     pub fn drop_recycled_files(&self) {
         self.lock().values_mut().for_each(|known| known.rewrite_states.clear());
     }
 
-    /// Returns the nodes whose values are needed to write the given outputs. No value is needed for an output whose files are known to be
-    /// up to date.
+    /// Returns the nodes whose values are needed to write the given outputs. Outputs whose files are up to date need no value.
     pub(super) fn nodes_to_write(
         &self,
         outputs: &[&GraphOutput],
@@ -238,7 +238,8 @@ impl OutputFolder {
         })
     }
 
-    /// Like [`nodes_to_write`](Self::nodes_to_write), but only compares stamps. No file is read.
+    /// Returns the nodes whose values are needed to write the given outputs. Unlike [`nodes_to_write`](Self::nodes_to_write), compares only
+    /// the metadata of the files. No file is read.
     pub(super) fn nodes_to_write_by_stamps(
         &self,
         outputs: &[&GraphOutput],
@@ -259,7 +260,8 @@ impl OutputFolder {
         })
     }
 
-    /// Returns the nodes of the outputs, except those outputs whose files are all up to date according to `is_right`.
+    /// Returns the nodes of the outputs, without outputs whose files are all up to date. `is_right` tests that, given the name
+    /// of an output and a hash of its data.
     fn nodes_except(
         &self,
         outputs: &[&GraphOutput],
@@ -282,8 +284,8 @@ impl OutputFolder {
         outputs.iter().filter(|output| !is_up_to_date(output)).map(|output| output.node).collect()
     }
 
-    /// Writes outputs in parallel, until the run is cancelled. Outputs of failed nodes are skipped, because their errors have been
-    /// reported. If a file cannot be written, the previous version of the file stays.
+    /// Writes outputs in parallel until the run is cancelled. Outputs of failed nodes are skipped, because their errors are reported
+    /// elsewhere. If a file cannot be written, its previous version stays.
     pub(super) fn write(
         &self,
         outputs: &[&GraphOutput],
@@ -323,7 +325,7 @@ impl OutputFolder {
         for (output, written) in outputs.iter().zip(results) {
             match written {
                 Ok(written) => {
-                    // An output may have additional files, whose names are known only after writing.
+                    // An output may consist of several files, whose names are known only after writing.
                     let others: Vec<_> = written
                         .iter()
                         .filter_map(|file| writers.insert(file.path.clone(), &output.name))
@@ -343,7 +345,7 @@ impl OutputFolder {
         result
     }
 
-    /// Returns the warnings about the files of an output that is up to date.
+    /// Returns the stored warnings about the files of an output that is already up to date.
     fn warnings(&self, output: &GraphOutput) -> Vec<Diagnostic> {
         let known = self.lock();
         let warnings = known.get(&output.name).map_or(&[][..], |known| &known.warnings);
@@ -385,7 +387,7 @@ impl OutputFolder {
             let message = format!("`{}` also writes {name}, another output", output.name);
             return Err(OutputError::new(output, message, "rename one of the two outputs"));
         }
-        // The state of the previous files is taken, because it is needed until the new files are written.
+        // Keep the state of the previous files until the new files are written.
         let mut last = self.take_rewrite_states(&output.name);
         let is_again = !last.is_empty();
         last.resize_with(files.len(), Default::default);
@@ -396,7 +398,7 @@ impl OutputFolder {
             let there = verified.as_ref().filter(|_| !last.pieces.is_empty());
             let there = there.map(|verified| (verified.stamp, last.pieces.clone()));
             let over = PreviousFiles { there, recycled: last.recycled.take() };
-            // Panics are caught, because encoding runs code of a pack's format.
+            // Catch panics, because encoding runs code of a file format from a pack.
             let file = catch_panic(|| {
                 Ok(self.write_file(&output.name, path.clone(), &content, known, over, destination))
             });
@@ -426,7 +428,7 @@ impl OutputFolder {
         Ok(files)
     }
 
-    /// Takes the states that make it cheap to write the files of an output again, each with the stamp of its file. The list is empty if
+    /// Takes the state that makes it faster to write the files of an output again, with the metadata of each file. The list is empty if
     /// this process has not written the files.
     fn take_rewrite_states(&self, output: &str) -> Vec<(RewriteState, Option<VerifiedStamp>)> {
         let mut known = self.lock();
@@ -436,7 +438,7 @@ impl OutputFolder {
         take(again).into_iter().zip(files.iter().map(|(_, verified)| verified.clone())).collect()
     }
 
-    /// Returns the files of an output, if they were made from the source with this hash and have not changed since.
+    /// Returns the files of an output, if they were made from data with the hash `made_of` and have not changed since.
     fn unchanged_files(&self, output: &str, made_of: Hash) -> Option<Vec<OutputFile>> {
         let known = self.lock();
         let mut files = known.get(output).filter(|it| it.made_of == made_of)?.files.clone();
@@ -495,7 +497,7 @@ impl OutputFolder {
         Ok((OutputFile { output, path, bytes, hash, unchanged, seconds: 0.0 }, verified, again))
     }
 
-    /// Returns the path of a file of an output.
+    /// Returns the path at which an output writes the file `name`.
     fn path_of(&self, output: &GraphOutput, name: &str) -> PathBuf {
         self.folder_of(output).join(name)
     }
@@ -514,16 +516,16 @@ impl OutputFolder {
 pub(super) struct WriteResult {
     /// The files that are up to date now.
     pub(super) files: Vec<OutputFile>,
-    /// An error for each output that was not written, and warnings about parts of values that a format cannot store.
+    /// An error for each output that was not written, and warnings about parts of values that a file format cannot store.
     pub(super) diagnostics: Vec<Diagnostic>,
-    /// True if the system refused to write one of the files.
+    /// True if the operating system or something in the folder prevented writing of a file.
     pub(super) is_refused: bool,
 }
 
 /// The error of an output that was not written.
 struct OutputError {
     diagnostic: Box<Diagnostic>,
-    /// True if the system, or something in the folder, prevented writing. Then a later attempt may succeed.
+    /// True if the operating system or something in the folder prevented writing. A later attempt may then succeed.
     is_refused: bool,
 }
 
@@ -532,26 +534,26 @@ impl OutputError {
         Self { diagnostic: Box::new(output_error(output, message, help)), is_refused: false }
     }
 
-    /// Creates the error that a format cannot encode the value of an output.
+    /// Creates the error that a file format cannot encode the value of an output.
     fn encoding(output: &GraphOutput, error: &Error) -> Self {
         Self::new(output, format!("cannot write `{}`: {error}", output.name), "")
     }
 }
 
-/// Creates an error at the position of an output in the graph.
+/// Creates an error that points at the definition of an output in the graph file.
 fn output_error(output: &GraphOutput, message: String, help: &str) -> Diagnostic {
     let source = (output.source.clone(), output.span);
     let diagnostic = Diagnostic::new(Severity::Error, code::FAILED, source, message);
     Diagnostic { help: help.into(), ..diagnostic }
 }
 
-/// Creates the error that an output has overwritten a file of an earlier output.
+/// Creates the error that an output has overwritten a file of the earlier output `other`.
 fn shared_file(output: &GraphOutput, other: &str) -> Diagnostic {
     let message = format!("`{}` also writes a file that `{other}` writes", output.name);
     output_error(output, message, "rename one of the two outputs")
 }
 
-/// Returns the hash of everything from which files are made: a value and its provenance.
+/// Returns a hash of everything from which the files of an output are made: the value and its provenance.
 fn source_hash(value: Hash, signature: Option<&Signature>) -> Hash {
     match signature {
         Some(signature) => Hash::compute(&[&value.0, signature.words.as_bytes()].concat()),
@@ -559,8 +561,8 @@ fn source_hash(value: Hash, signature: Option<&Signature>) -> Hash {
     }
 }
 
-/// Returns the stamp of a file if the file has the content `bytes`. Large files are not compared, because writing them is as fast as
-/// reading them.
+/// Returns the metadata of the file if its content is `bytes`. Large files are not compared, because writing them is as fast as reading
+/// them.
 fn holds(path: &Path, bytes: &[u8]) -> Option<VerifiedStamp> {
     const LARGE: usize = 16 << 20;
     let found = VerifiedStamp::read(path)?;
@@ -575,7 +577,7 @@ fn holds(path: &Path, bytes: &[u8]) -> Option<VerifiedStamp> {
 mod tests {
     use super::*;
 
-    /// Writes a file for a test. Returns true if the file already had the bytes.
+    /// Writes a small file for a test. Returns true if the file already had the right bytes.
     fn write(outputs: &OutputFolder, path: &Path) -> bool {
         let file = b"ply".to_vec().into();
         let sources = Sources::default();
@@ -602,7 +604,7 @@ mod tests {
         assert!(!write(&outputs, &path));
     }
 
-    /// Replaces the stored stamp of a file by its present one, marked as not settled.
+    /// Replaces the stored metadata of a file by its present metadata, marked as unable to prove that the file is unchanged.
     fn unsettle(outputs: &OutputFolder, path: &Path) {
         let stamp = FileStat::read(path).map(|stamp| VerifiedStamp { stamp, settled: false });
         outputs.lock().get_mut("a").unwrap().files[0].1 = stamp;
@@ -618,7 +620,7 @@ mod tests {
         }
         write(&outputs, &path);
         assert!(is_right(&outputs));
-        // The stamp is unsettled, as if the write were within the resolution of the clock.
+        // Simulate a write within the resolution of the file system's clock: the metadata does not show the change.
         fs::write(&path, "plx").unwrap();
         unsettle(&outputs, &path);
         assert!(!is_right(&outputs));

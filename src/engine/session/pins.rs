@@ -1,4 +1,4 @@
-//! Pins: stores results of nodes next to the graph file, and removes them.
+//! Pins: results of nodes that are stored next to the graph file, so that the nodes need not run. Adds and removes pins.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use crate::writing::{
     sweep,
 };
 
-/// An error in adding or removing pins.
+/// The reason why pins could not be added or removed.
 #[derive(Debug, thiserror::Error)]
 pub enum PinError {
     #[error("{}", .0.message)]
@@ -28,11 +28,11 @@ impl From<Box<Diagnostic>> for PinError {
     }
 }
 
-/// Returns the nodes whose results are pinned if this name is given: a node itself, or for a use of a graph, the nodes that compute its
-/// outputs.
+/// Returns the nodes whose results are pinned when the user pins `name`. This is the node with that name. If that node uses another graph,
+/// these are the nodes that compute its outputs.
 ///
 /// # Errors
-/// A message if there is no such node, or it cannot be pinned.
+/// A message if there is no such node, or if its result cannot be pinned.
 pub fn pinnable<'g>(graph: &'g Graph, name: &str) -> Result<Vec<&'g str>, String> {
     if let Some(each) = graph.open_loop(name) {
         return Err(format!(
@@ -58,10 +58,11 @@ pub fn pinnable<'g>(graph: &'g Graph, name: &str) -> Result<Vec<&'g str>, String
 }
 
 impl RunResult {
-    /// Pins the results of the named nodes, and returns the written files. `graph` is the graph before its loops over data were expanded.
+    /// Pins the results of the named nodes, and returns the written files. `graph` is the graph as it was loaded, before its loops over
+    /// data were expanded.
     ///
     /// # Errors
-    /// If a value is missing, or a file cannot be written.
+    /// If one of the nodes has no result, or a file cannot be written.
     pub fn pin(&self, graph: &Graph, names: &[&str]) -> Result<Vec<PathBuf>, PinError> {
         let path = &graph.source().name;
         let _turn = FolderLock::acquire(path)?;
@@ -87,8 +88,8 @@ impl RunResult {
     }
 }
 
-/// Removes the pins of the nodes and uses with the given names; the pins of a use are those of the nodes inside of it. Returns the names of
-/// the nodes whose pins were removed.
+/// Removes the pins of the nodes with the given names. For a node that uses another graph, removes the pins of all nodes in that graph.
+/// Returns the names of the nodes whose pins were removed.
 ///
 /// # Errors
 /// If a file cannot be read, written or removed.
@@ -113,12 +114,12 @@ pub fn unpin(graph: &Path, names: &[String]) -> Result<Vec<String>, PinError> {
     Ok(taken.into_iter().map(|(name, _)| name).collect())
 }
 
-/// Returns true if `name` is the name of the pinned node, or of a use that contains it.
+/// Returns true if `name` is the pinned node itself, or a node that uses the graph which contains the pinned node.
 pub fn matches_pin(name: &str, pinned: &str) -> bool {
     pinned.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }
 
-/// Removes the file of a pin that was removed or replaced, unless another pin has the same values.
+/// Removes the file of a pin that was removed or replaced, unless another pin still uses that file.
 fn remove_unused_pin(pins: &Pins, former: &Pin) -> Result<(), WriteError> {
     let file = former.file(&pins.folder);
     let is_needed = pins.pins.values().any(|pin| pin.outputs == former.outputs);

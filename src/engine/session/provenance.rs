@@ -9,16 +9,15 @@ use maquette_syntax::paths::{folder_of_new, project_root, relative_to_root};
 use maquette_value::Hash;
 use serde_json::Value as Json;
 
-/// Determines the provenance of the outputs of a graph.
+/// Collects the provenance of the outputs of a graph.
 pub struct ProvenanceBuilder<'a> {
     graph: &'a Graph,
     catalog: &'a Catalog,
-    /// The folder of the graph. Paths in the graph are relative to it.
+    /// The folder that contains the graph file. Paths in the graph are relative to it.
     folder: PathBuf,
     /// The root folder of the project that contains the graph.
     root: PathBuf,
-    /// The identity of each node: a hash of the recipe of the node and of all nodes on which it depends. Names and the order of nodes do
-    /// not matter.
+    /// For each node, a hash of its recipe and of the recipes of all its dependencies. Names and the order of nodes do not change it.
     identities: Vec<Hash>,
 }
 
@@ -28,7 +27,7 @@ impl<'a> ProvenanceBuilder<'a> {
         let root = project_root(&folder);
         let mut made: Vec<Hash> = Vec::with_capacity(graph.nodes().len());
         for node in graph.nodes().iter() {
-            // An input node is identified without its value, because the values of inputs are listed separately.
+            // Leave out the value of an input node, because provenance lists the values of inputs separately.
             let mut content = match node.kind() {
                 INPUT => [INPUT, &node.name].concat().into_bytes(),
                 _ => node.recipe.identity.0.to_vec(),
@@ -37,7 +36,7 @@ impl<'a> ProvenanceBuilder<'a> {
                 content.extend_from_slice(&made[link.node].0);
                 content.extend_from_slice(&(link.output as u64).to_le_bytes());
             }
-            // A recipe does not contain the content of the files that it reads, except for a pin.
+            // Add the path of each file but not its content, which is not part of a recipe. For a pin, the recipe contains the content.
             for file in node.files.iter().filter(|_| node.kind() != PINNED) {
                 content.extend_from_slice(relative_to_root(&root, &file.path).as_bytes());
                 content.push(0);
@@ -47,12 +46,12 @@ impl<'a> ProvenanceBuilder<'a> {
         Self { graph, catalog, folder, root, identities: made }
     }
 
-    /// Returns the identity of each node.
+    /// Returns the hash of each node and its dependencies.
     pub(super) fn into_identities(self) -> Vec<Hash> {
         self.identities
     }
 
-    /// Returns the provenance of an output. `read_by` returns the hashes of the files that a node has read.
+    /// Returns the provenance of an output. `read_by` returns the hashes of the files that a node has read, given the node's index.
     pub(crate) fn provenance<'f>(
         &self,
         output: &GraphOutput,
@@ -106,8 +105,8 @@ impl<'a> ProvenanceBuilder<'a> {
         provenance
     }
 
-    /// Returns the value of a parameter in the form in which provenance contains it. `12` and `12.0` have one form. A path that leads out
-    /// of the project is reduced to the file name.
+    /// Returns the value of a parameter in the normal form for provenance: `12` and `12.0` become equal. A path that leads out of the
+    /// project is reduced to its file name.
     fn value(&self, value: &Json) -> Json {
         match value {
             Json::String(text) => self.text(text).into(),
@@ -141,7 +140,7 @@ impl<'a> ProvenanceBuilder<'a> {
         }
     }
 
-    /// Returns the signature that is written into the files of an output.
+    /// Returns the signed provenance of an output, which is written into its files.
     pub(crate) fn signature<'f>(
         &self,
         output: &GraphOutput,
@@ -151,7 +150,7 @@ impl<'a> ProvenanceBuilder<'a> {
     }
 }
 
-/// Returns the signature of a provenance: its text and the hash of the text.
+/// Returns the signature of a provenance: its text together with the hash of the text.
 pub fn sign(provenance: &Provenance) -> Signature {
     let words = provenance.words();
     let hash = shorten_hash(&Hash::compute(words.as_bytes()).to_string());

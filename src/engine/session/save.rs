@@ -7,12 +7,12 @@ use maquette_node::pack::NewFile;
 
 use crate::writing::{Destination, Sources, WriteError};
 
-/// Writes the files of a value into the folder of `path`. `files` is what [`Catalog::write`](maquette_graph::catalog::Catalog::write)
-/// returns. Each file is written whole or not at all. If one of them must not be written, none is. Only plain files are replaced. Returns
-/// the paths of the files.
+/// Writes the files of a value into the folder of `path`. `files` is the result of
+/// [`Catalog::write`](maquette_graph::catalog::Catalog::write). Each file is written whole or not at all. If one of them must not be
+/// written, none is written. Existing links, folders and devices are not replaced. Returns the paths of the files.
 ///
 /// # Errors
-/// An error with the path of the file and the reason.
+/// The path of the file that could not be written, and the reason.
 pub fn save(files: Vec<NewFile>, path: &Path) -> Result<Vec<PathBuf>, SaveError> {
     let files = files.into_iter().map(|file| (path.with_file_name(&file.name), file.bytes));
     let files = Vec::from_iter(files);
@@ -22,7 +22,7 @@ pub fn save(files: Vec<NewFile>, path: &Path) -> Result<Vec<PathBuf>, SaveError>
     }
 }
 
-/// Returns the POSIX error code for a failed write to a temporary file. Such an error contains only a kind.
+/// Returns the POSIX error code for an error of writing a temporary file. Such an error has a kind but no system error code.
 fn code_of(kind: io::ErrorKind) -> Option<i32> {
     Some(match kind {
         io::ErrorKind::NotFound => 2,
@@ -36,7 +36,7 @@ fn code_of(kind: io::ErrorKind) -> Option<i32> {
     })
 }
 
-/// The error of a file that could not be written.
+/// The error that a file could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {why}", .path.display())]
 pub struct SaveError {
@@ -45,11 +45,11 @@ pub struct SaveError {
     why: WriteError,
 }
 
-/// The code `EACCES`, which is the same on all systems.
+/// The POSIX error code `EACCES`. It is 13 on all systems.
 const ACCESS_DENIED: i32 = 13;
 
 impl SaveError {
-    /// Returns the code of the system's error, if there is one.
+    /// Returns the error code of the operating system, or `None` if the error has another cause.
     pub fn system_code(&self) -> Option<i32> {
         match &self.why {
             WriteError::System(error) => error.raw_os_error().or_else(|| code_of(error.kind())),

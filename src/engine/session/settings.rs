@@ -1,4 +1,4 @@
-//! Settings of sessions: threads, memory, and the folder for results.
+//! Settings of a session: threads, memory limits, and the folder and server for results.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -8,29 +8,29 @@ use maquette_graph::catalog::Catalog;
 
 use crate::eval::{Disk, DiskError, Evaluator, ThreadsError};
 
-/// The settings of a session. They do not change any result; but if there is too little memory for a node, the node fails.
+/// The settings of a session. They do not affect results, except that a node fails if there is too little memory for it.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// The number of threads, at most 1024; 0 for one per processor.
+    /// The number of threads, from 0 to 1024. 0 means one thread per processor.
     pub threads: usize,
-    /// The memory limit of results that no node needs any more, in bytes.
+    /// The maximum size, in bytes, of results in memory that no running node needs.
     pub memory: usize,
-    /// The memory limit of results and running nodes together, in bytes. If it is `None`, the limit is nine tenths of the free memory of
-    /// the machine, where the system reports the free memory. A node whose estimate exceeds the limit fails before it runs: see
-    /// [`Node::estimate`](maquette_node::Node::estimate).
+    /// The maximum memory of results and running nodes together, in bytes. If it is `None`, the limit is nine tenths of the free memory of
+    /// the machine; there is no limit if the system does not report its free memory. A node whose estimate exceeds the limit fails before
+    /// it runs: see [`Node::estimate`](maquette_node::Node::estimate).
     pub max_memory: Option<u64>,
     /// The folder in which results are kept from one process to the next.
     pub cache: CacheFolder,
-    /// The server with which machines share results.
+    /// The server through which machines share results.
     pub server: CacheServer,
-    /// The fraction (0 to 1) of cached results that is computed again and compared.
+    /// The fraction (0 to 1) of cached results that is computed again and compared with the cache.
     pub verify: f64,
 }
 
 /// The folder in which results are kept from one process to the next.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum CacheFolder {
-    /// The default folder of the command line: `$MAQUETTE_CACHE`, or `maquette` in the system's folder for caches.
+    /// The default folder of the command line: `$MAQUETTE_CACHE`, or the folder `maquette` in the system's folder for caches.
     #[default]
     Default,
     /// Results are kept in the folder at this path.
@@ -39,10 +39,10 @@ pub enum CacheFolder {
     None,
 }
 
-/// The server with which machines share results: see [`Disk::with_server`]. If there is no folder for results, no server is used.
+/// The server through which machines share results: see [`Disk::with_server`]. It is used only if there is also a folder for results.
 #[derive(Clone, Default, PartialEq, Eq)]
 pub enum CacheServer {
-    /// The default server of the command line: `$MAQUETTE_CACHE_REMOTE`, if it is set.
+    /// The default server of the command line: the address in `$MAQUETTE_CACHE_REMOTE`, or no server if that is not set.
     #[default]
     Default,
     /// Results are shared through the server at this address.
@@ -51,7 +51,7 @@ pub enum CacheServer {
     None,
 }
 
-/// Does not print the address, which may contain a password.
+/// Hides the address, because it may contain a password.
 impl fmt::Debug for CacheServer {
     fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
         to.write_str(match self {
@@ -62,34 +62,34 @@ impl fmt::Debug for CacheServer {
     }
 }
 
-/// The error of creating a session.
+/// The reason why a session could not be created.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
     /// The threads cannot be started.
     #[error(transparent)]
     Threads(#[from] ThreadsError),
-    /// The folder that was given for results belongs to another user or program.
+    /// The folder that the user has given for results belongs to another user or program.
     #[error("{0}; --cache chooses another folder")]
     Cache(DiskError),
     /// The value of `MAQUETTE_CACHE_SIZE` is not a size.
     #[error("{0}")]
     Size(String),
-    /// The address of the server of results is invalid.
+    /// The address of the server for results is invalid.
     #[error("{0}")]
     Server(String),
 }
 
-/// The default memory limit of results, in bytes.
+/// The default maximum size of the results in memory, in bytes.
 const MEMORY: usize = 2_000_000_000;
 
-/// The default size limit of the folder for results, in bytes.
+/// The default maximum size of the folder for results, in bytes.
 const DISK_SIZE: u64 = 4_000_000_000;
 
-/// The environment variable that contains the address of the server.
+/// The environment variable that contains the address of the server for results.
 const SERVER: &str = "MAQUETTE_CACHE_REMOTE";
 
 impl Default for Settings {
-    /// Returns the default settings of the command line: all threads, 2 GB of memory, and its folder for results.
+    /// Returns the default settings of the command line: one thread per processor, 2 GB of memory, and the default folder for results.
     fn default() -> Self {
         let (cache, server) = (CacheFolder::Default, CacheServer::Default);
         Self { threads: 0, memory: MEMORY, max_memory: None, cache, server, verify: 0.0 }
@@ -97,12 +97,12 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Returns settings with all threads and 2 GB of memory. Nothing is stored on disk.
+    /// Returns settings with one thread per processor and 2 GB of memory. Nothing is stored on disk.
     pub fn in_memory() -> Self {
         Self { cache: CacheFolder::None, ..Self::default() }
     }
 
-    /// Sets the memory limit of results from a text, such as `2GB`, `500 MB`, `1.5GiB`, or a number of bytes.
+    /// Sets the maximum size of the results in memory, from a text such as `2GB`, `500 MB`, `1.5GiB`, or a number of bytes.
     ///
     /// # Errors
     /// A message if the text is not a size.
@@ -110,7 +110,7 @@ impl Settings {
         Ok(Self { memory: usize::try_from(size(text)?).unwrap_or(usize::MAX), ..self })
     }
 
-    /// Sets the memory limit of results and running nodes together from a text, as [`with_memory`](Self::with_memory) reads it.
+    /// Sets the maximum memory of results and running nodes together. The text has the same form as for [`with_memory`](Self::with_memory).
     ///
     /// # Errors
     /// A message if the text is not a size.
@@ -118,8 +118,8 @@ impl Settings {
         Ok(Self { max_memory: Some(size(text)?), ..self })
     }
 
-    /// Creates an evaluator that runs on the given threads. Also returns the reason why it does not write results to disk, if it should but
-    /// cannot.
+    /// Creates an evaluator that runs on the given threads. Also returns the reason why it does not write results to disk although the
+    /// settings ask for it.
     pub(super) fn evaluator(
         &self,
         catalog: &Catalog,
@@ -141,7 +141,7 @@ impl Settings {
                 let disk = self.server.connect(disk).map_err(SessionError::Server)?;
                 Ok((evaluator.with_disk(disk), None))
             }
-            // If the folder was given explicitly, it is probably a mistake, so this is an error.
+            // Return an error: the user has given the folder explicitly, and it is probably the wrong one.
             Err(error @ (DiskError::Foreign(_) | DiskError::OtherUser(_))) if named => {
                 Err(SessionError::Cache(error))
             }
@@ -155,7 +155,7 @@ impl Settings {
 }
 
 impl CacheServer {
-    /// Connects the disk cache to the server that the settings name.
+    /// Connects the disk cache to the server that the settings name, if they name one.
     fn connect(&self, disk: Disk) -> Result<Disk, String> {
         match self.address() {
             Some((named, address)) => {
@@ -165,7 +165,7 @@ impl CacheServer {
         }
     }
 
-    /// Returns the address of the server, and the option or environment variable that contains it.
+    /// Returns the address of the server, together with the name of the option or environment variable that contains it.
     pub fn address(&self) -> Option<(&'static str, String)> {
         match self {
             Self::Default => {
@@ -178,7 +178,7 @@ impl CacheServer {
     }
 }
 
-/// Returns the size limit of the folder for results, in bytes.
+/// Returns the maximum size of the folder for results, in bytes.
 pub fn disk_size() -> Result<u64, String> {
     match std::env::var("MAQUETTE_CACHE_SIZE") {
         Ok(text) => size(&text).map_err(|why| format!("MAQUETTE_CACHE_SIZE: {why}")),
@@ -186,7 +186,7 @@ pub fn disk_size() -> Result<u64, String> {
     }
 }
 
-/// Returns the default folder for results; `None` if the system has none.
+/// Returns the default folder for results, or `None` if the system has no folder for caches.
 pub fn default_folder() -> Option<PathBuf> {
     fn folder_in(variable: &str) -> Option<PathBuf> {
         std::env::var_os(variable).filter(|value| !value.is_empty()).map(PathBuf::from)
@@ -201,7 +201,7 @@ pub fn default_folder() -> Option<PathBuf> {
     } else {
         folder_in("HOME").map(|home| home.join(".cache"))
     };
-    // A relative path is ignored, as the XDG Base Directory Specification requires.
+    // Ignore a relative path, as the XDG Base Directory Specification requires.
     let common = folder_in("XDG_CACHE_HOME").filter(|folder| folder.is_absolute());
     common.or(system).map(|folder| folder.join("maquette"))
 }

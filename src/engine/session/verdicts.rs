@@ -1,5 +1,5 @@
-//! Stores the verdicts of expectations. If a value is known to meet an expectation, the value is not computed or read again to check it.
-//! Violations are not stored: they are found again each time, because their details are needed.
+//! Stores which values meet which expectations (verdicts). A value with a stored verdict is not computed or read again to check it.
+//! Violations are not stored: their details are needed, so they are found again each time.
 
 use std::collections::HashSet;
 
@@ -12,19 +12,19 @@ use crate::eval::Evaluation;
 use crate::expect;
 use crate::expect::Violation;
 
-/// The number of verdicts that are kept for a graph, in addition to one for each of its expectations.
+/// The number of verdicts stored for a graph, in addition to one for each of its expectations. They are about earlier values.
 const MAX_SPARE_VERDICTS: usize = 1000;
 
 #[derive(Default)]
 pub(super) struct Verdicts {
-    /// For each stored verdict, a hash of the expectation and the values that meet it. The latest verdict is the first.
+    /// A hash of the expectation and of the values that meet it, for each stored verdict. The latest verdict is the first.
     valid: Vec<Hash>,
     /// The maximum number of verdicts that are stored for the graph.
     max_verdicts: usize,
 }
 
 impl Verdicts {
-    /// Returns those expectations that are not known to hold for the values with the given hashes.
+    /// Returns the expectations that have no verdict for the values with the given hashes, and so must be checked.
     pub(super) fn open<'e>(
         &self,
         expected: &[&'e GraphExpectation],
@@ -38,8 +38,8 @@ impl Verdicts {
             .collect()
     }
 
-    /// Checks the given expectations one after the other until the run is cancelled, and stores which of them hold. The verdicts of other
-    /// expectations are kept.
+    /// Checks the expectations `open` one after the other until the run is cancelled. Stores which of them hold and returns the violations.
+    /// Verdicts about other expectations are kept.
     pub(super) fn judge(
         &mut self,
         graph: &Graph,
@@ -67,7 +67,7 @@ impl Verdicts {
     }
 }
 
-/// Returns the hash of an expectation and the values that it concerns, if these values are known.
+/// Returns a hash of an expectation and of the values that it is about, or `None` if some of these values are unknown.
 fn verdict(
     expected: &GraphExpectation,
     hash: impl Fn(usize, usize) -> Option<Hash>,
@@ -81,7 +81,7 @@ fn verdict(
 }
 
 impl Session {
-    /// Returns the stored verdicts of a graph. Also returns the expectations that are not known to hold before anything is evaluated.
+    /// Returns the stored verdicts of a graph, and the expectations that they do not cover. Nothing is evaluated.
     pub(super) fn open_expectations<'e>(
         &mut self,
         graph: &Graph,
@@ -98,7 +98,7 @@ impl Session {
         (verdicts, open)
     }
 
-    /// Stores the verdicts for the next run, in this process or another one.
+    /// Stores the verdicts for later runs, in this process or another one.
     pub(super) fn keep_verdicts(&self, graph: &Graph, verdicts: &Verdicts) {
         self.keep_note(&graph.source().name.with_extension("verdicts"), || {
             serde_json::to_vec(&verdicts.valid).unwrap_or_default()

@@ -6,16 +6,16 @@ use std::path::{Path, PathBuf};
 
 use tempfile::{Builder, TempDir};
 
-/// The prefix of the names of exchange folders.
+/// The start of the names of exchange folders.
 const START: &str = "maquette-serve-";
 
-/// The name of a file in an exchange folder. The process that owns the folder keeps this file locked.
+/// The name of a file in each exchange folder. The process that owns the folder keeps this file locked.
 const LOCK: &str = "lock";
 
-/// The folder on Linux whose files are in memory.
+/// The folder on Linux whose files are in memory (`tmpfs`).
 const MEMORY: &str = "/dev/shm";
 
-/// A folder that only the user can access. It is removed when the process ends. If a process is killed, its folder is removed when the next
+/// A folder that only this user can access. It is removed when the process ends. The folder of a killed process is removed when the next
 /// exchange folder is created.
 pub struct ExchangeFolder {
     folder: TempDir,
@@ -23,8 +23,8 @@ pub struct ExchangeFolder {
 }
 
 impl ExchangeFolder {
-    /// Creates an exchange folder in `parent`. Without `parent`, it is created in memory if the system has files in memory, otherwise in
-    /// the folder for temporary files.
+    /// Creates an exchange folder in `parent`. Without `parent`, it is created on a file system in memory if there is one, otherwise in the
+    /// folder for temporary files.
     pub fn new(parent: Option<&Path>) -> io::Result<Self> {
         let memory = Path::new(MEMORY);
         let temporary = std::env::temp_dir();
@@ -48,7 +48,7 @@ impl ExchangeFolder {
         }
         let folder = builder.tempdir_in(parent)?;
         let lock = File::create_new(folder.path().join(LOCK))?;
-        // If the file system has no locks, no folders are removed.
+        // Ignore an error. On a file system without locks, old exchange folders are never removed.
         let _ = lock.try_lock();
         Ok(Self { folder, _lock: lock })
     }
@@ -62,12 +62,12 @@ impl ExchangeFolder {
         super::write_whole(&self.path().join(name), bytes).map(|_| ())
     }
 
-    /// Removes a file from the folder.
+    /// Removes a file from the folder. Errors are ignored.
     pub fn drop_file(&self, name: &str) {
         let _ = super::remove(&self.path().join(name));
     }
 
-    /// Returns the path of a file in the folder.
+    /// Returns the path of the file `name` in the folder.
     ///
     /// # Errors
     /// A message if the name could lead out of the folder.
@@ -91,14 +91,14 @@ fn sweep(parent: &Path) {
         let is_shelf = entry.file_name().to_string_lossy().starts_with(START)
             && fs::symlink_metadata(&path).is_ok_and(|metadata| metadata.is_dir());
         let lock = path.join(LOCK);
-        // Only plain files are opened, because opening a pipe would block.
+        // Check the kind of file before opening it: opening a pipe would block.
         fn is_plain(lock: &Path) -> bool {
             fs::symlink_metadata(lock).is_ok_and(|metadata| metadata.is_file())
         }
         fn try_lock(lock: &Path) -> Result<Result<(), TryLockError>, io::Error> {
             File::options().write(true).open(lock).map(|it| it.try_lock())
         }
-        // A folder without a lock file is skipped, because another process is just creating it.
+        // Skip a folder without a lock file, because another process may just be creating it.
         if is_shelf
             && is_plain(&lock)
             && try_lock(&lock).is_ok_and(|it| {
@@ -131,7 +131,7 @@ mod tests {
         assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 1);
     }
 
-    /// A named pipe instead of the lock file must not be opened: opening it would block.
+    /// A named pipe in place of the lock file must not be opened, because opening it would block.
     #[cfg(target_os = "linux")]
     #[test]
     fn a_pipe_instead_of_a_lock_file_does_not_block() {

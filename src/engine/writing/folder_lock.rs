@@ -1,7 +1,7 @@
-//! A lock on a folder, so that only one process at a time reads, changes and rewrites files in it.
+//! A lock on a folder. It ensures that only one process at a time reads, changes and rewrites files in the folder.
 //!
-//! The folder itself is locked, so no lock file is left behind. The system releases the lock when the process ends. Where folders cannot be
-//! locked, [`replace`](super::replace) still does not overwrite a file that was changed in the meantime.
+//! The folder itself is locked, so no lock file is left behind. The system releases the lock when the process ends. On systems that cannot
+//! lock folders, [`replace`](super::replace) still prevents that a file changed in the meantime is overwritten.
 
 use std::fs::{File, TryLockError};
 use std::io;
@@ -9,7 +9,7 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// The maximum time to wait for another process. An edit takes milliseconds, or up to a second on a busy machine.
+/// The maximum time to wait for another process to release the lock. An edit takes milliseconds, or up to a second on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// The interval between two attempts to take the lock.
@@ -21,13 +21,13 @@ pub struct FolderLock(
 );
 
 impl FolderLock {
-    /// Waits until no other process holds the lock of the folder that contains `path`, and takes the lock. A process that holds the lock
-    /// must not take it again.
+    /// Waits until no other process has locked the folder that contains `path`, and locks it. A process that already holds the lock must
+    /// not call this again.
     ///
     /// # Errors
-    /// An error if another process holds the lock for too long.
+    /// An error if another process holds the lock for longer than [`PATIENCE`].
     pub fn acquire(path: &Path) -> io::Result<Self> {
-        // If the path is a link, the folder of the target is locked.
+        // If the path is a link, lock the folder of its target.
         let real = std::fs::canonicalize(path);
         let Ok(folder) = File::open(super::parent_folder(real.as_deref().unwrap_or(path))) else {
             return Ok(Self(None));

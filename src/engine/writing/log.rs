@@ -1,4 +1,4 @@
-//! Log files, which people read while they grow.
+//! Log files. People may read them while they grow.
 
 use std::fs::{self, File};
 use std::io;
@@ -6,13 +6,13 @@ use std::path::Path;
 
 use super::{parent_folder, remove, remove_empty};
 
-/// Opens a log to append to it, and creates the folders above it.
+/// Opens a log file for appending. Creates the file and the folders above it if they are missing.
 pub fn open_log(path: &Path) -> io::Result<File> {
     fs::create_dir_all(parent_folder(path))?;
     File::options().create(true).append(true).open(path)
 }
 
-/// Opens an empty log that replaces an earlier one. If the path exists and is not a plain file, it is left alone and an error is returned.
+/// Creates an empty log file that replaces an earlier one. Returns an error if the path exists and is not a plain file.
 pub fn begin_log(path: &Path) -> io::Result<File> {
     match remove(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
@@ -20,11 +20,11 @@ pub fn begin_log(path: &Path) -> io::Result<File> {
     }
 }
 
-/// Removes all logs in a folder and in the folders inside of it, and the folders that become empty. Files that cannot be removed stay.
+/// Removes all log files in a folder and its subfolders, and then the subfolders that are empty. Errors are ignored.
 pub fn remove_logs(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
-        // Links to folders are not followed.
+        // Do not follow links to folders.
         if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
             remove_logs(&path);
         } else if path.extension().is_some_and(|extension| extension == "log") {

@@ -1,4 +1,4 @@
-//! Files made by people. Results must not replace them.
+//! The source files of a graph: files made by people, which results must not replace.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -10,12 +10,12 @@ use maquette_syntax::paths::{MARKER, folder_of_new};
 const TEXT: &str = "the graph consists of this file";
 const READ: &str = "the graph reads this file";
 
-/// The files of which graphs consist and that they read. Each has a description of how it is used.
+/// The files of which graphs consist, and the files that graphs read. Each path has a description of how the file is used.
 #[derive(Clone, Debug, Default)]
 pub struct Sources(BTreeMap<PathBuf, &'static str>);
 
 impl Sources {
-    /// Returns the files of a graph.
+    /// Collects the files of a graph.
     pub fn of_graph(graph: &Graph) -> Self {
         let mut sources = Self::default();
         graph.texts().for_each(|path| sources.add(path, TEXT));
@@ -23,7 +23,7 @@ impl Sources {
         sources
     }
 
-    /// Returns the files of a graph that was checked. The graph may have errors.
+    /// Collects the files of a graph that was loaded from `path`, even if the graph has errors.
     pub fn of_checked(path: &Path, checked: &CheckedGraph) -> Self {
         let mut sources = Self::default();
         let texts = [path].into_iter().chain(checked.subgraphs.iter().map(|path| &**path));
@@ -32,7 +32,7 @@ impl Sources {
         sources
     }
 
-    /// Adds a file with a description of how it is used.
+    /// Adds a file. `what` describes how the file is used.
     pub fn add(&mut self, path: &Path, what: &'static str) {
         if let Some(path) = real(path) {
             self.0.entry(path).or_insert(what);
@@ -44,7 +44,7 @@ impl Sources {
         self.0.extend(other.0.iter().map(|(path, what)| (path.clone(), *what)));
     }
 
-    /// Returns a description of how a file is used, if it must not be replaced.
+    /// Returns the description of how a file is used, or `None` if the file may be replaced.
     pub(super) fn use_of(&self, path: &Path) -> Option<&'static str> {
         let path = real(path)?;
         let is_text = path.extension().is_some_and(|extension| extension == "ron")
@@ -55,8 +55,8 @@ impl Sources {
     }
 }
 
-/// Returns a path without links and dots. The file or folder need not exist yet: `new/../scan.ply` is `scan.ply`, because it will be that
-/// file once the folder `new` exists.
+/// Returns a path without symbolic links and dots. The file or folder need not exist yet. For example, `new/../scan.ply` becomes
+/// `scan.ply`, because it will be that file once the folder `new` exists.
 fn real(path: &Path) -> Option<PathBuf> {
     fn without_parent_links(path: &Path) -> Option<PathBuf> {
         Some(folder_of_new(path).join(path.file_name()?))

@@ -1,10 +1,10 @@
-//! Temporary files: files that are being written.
+//! Temporary files: files that are still being written.
 //!
 //! The name of a temporary file has a form that no other file has. The process that writes the file keeps it locked. The system releases
-//! the lock when the process ends, so a temporary file that can be locked is abandoned. On file systems without locks, no files are
-//! removed.
+//! the lock when the process ends. So if another process can lock the file, the file is abandoned and can be removed. On file systems
+//! without locks, no files are removed.
 //!
-//! The lock is more reliable than the age of the file or a process id in its name.
+//! The lock shows this more reliably than the age of the file or a process id in its name.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
@@ -17,16 +17,16 @@ use tempfile::{Builder, NamedTempFile};
 const START: &str = ".maquette-";
 const END: &str = ".part";
 
-/// The number of random letters and digits between prefix and suffix.
+/// The number of random letters and digits in the name of a temporary file.
 const LETTERS: usize = 12;
 
 /// Creates a locked temporary file in a folder.
 pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
-    // The umask of the user restricts the permissions, as for any new file.
+    // Request full permissions; the user's umask restricts them, as for any new file.
     create_with(folder, 0o666)
 }
 
-/// Creates a locked temporary file that only the user may read.
+/// Creates a locked temporary file that only this user can read.
 pub(super) fn create_private(folder: &Path) -> io::Result<NamedTempFile> {
     create_with(folder, 0o600)
 }
@@ -43,14 +43,14 @@ fn create_with(folder: &Path, permissions: u32) -> io::Result<NamedTempFile> {
     loop {
         let file = builder.tempfile_in(folder)?;
         match file.as_file().try_lock() {
-            // Another process has locked the file, because it took the file for an abandoned one, and will remove it.
+            // Try another name: another process took this file for an abandoned one, has locked it and will remove it.
             Err(TryLockError::WouldBlock) => {}
             Ok(()) | Err(TryLockError::Error(_)) => return Ok(file),
         }
     }
 }
 
-/// Returns true if a file has the name of a temporary file.
+/// Returns true if the file's name has the form of a temporary file.
 pub(crate) fn is_temporary(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     let letters = name.and_then(|name| name.strip_prefix(START)?.strip_suffix(END));
@@ -59,7 +59,7 @@ pub(crate) fn is_temporary(path: &Path) -> bool {
     })
 }
 
-/// Returns true if no process writes this temporary file any more.
+/// Returns true if this is a temporary file whose process has ended.
 pub(crate) fn is_abandoned(path: &Path) -> bool {
     let is_file = fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file());
     fn try_lock(path: &Path) -> Result<Result<(), TryLockError>, io::Error> {
@@ -68,7 +68,7 @@ pub(crate) fn is_abandoned(path: &Path) -> bool {
     is_temporary(path) && is_file && try_lock(path).is_ok_and(|locked| locked.is_ok())
 }
 
-/// Removes abandoned files, before the first write of this process to a folder. This is done once per folder, because a batch writes
+/// Removes abandoned files from a folder before this process first writes to it. This is done once per folder, because a batch writes
 /// thousands of files to one folder.
 pub(super) fn sweep_once(folder: &Path) {
     static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());

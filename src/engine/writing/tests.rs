@@ -32,14 +32,14 @@ fn a_large_file_is_written_from_many_threads_and_replaces_the_old_one() {
         assert!(stamp.is_some() && stamp == FileStat::read(&path));
         assert!(fs::read(&path).unwrap() == bytes[..len]);
     }
-    // A failed write leaves the old file.
+    // A write that fails must leave the old file.
     let fail = |_: &mut File, _: Option<&()>| Err::<(), _>(io::ErrorKind::StorageFull.into());
     assert!(write_by(&path, bytes.len(), PreviousFiles::default(), fail).is_err());
     assert_eq!(fs::read(&path).unwrap(), bytes[..5]);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
-/// A large file full of one byte, which is written repeatedly.
+/// A large file, filled with one byte value, which is written repeatedly.
 #[cfg(target_os = "linux")]
 struct RewrittenFile {
     folder: tempfile::TempDir,
@@ -65,7 +65,7 @@ impl RewrittenFile {
         Some(repeated)
     }
 
-    /// Writes the file. Returns the byte that filled the recycled file, if a recycled file was overwritten.
+    /// Writes the file, filled with `byte`. Returns the old byte value of the recycled file, or `None` if no recycled file was overwritten.
     fn write(&mut self, byte: u8) -> Option<u8> {
         let last = std::mem::take(&mut self.last);
         let written =
@@ -95,7 +95,7 @@ impl RewrittenFile {
         fs::read(&self.path).unwrap() == vec![byte; Self::LEN]
     }
 
-    /// Returns the path of the recycled file.
+    /// Returns the path of the recycled file: the replaced version that is kept next to the file.
     fn spare(&self) -> PathBuf {
         let entries = fs::read_dir(self.folder.path()).unwrap().map(|entry| entry.unwrap().path());
         entries.into_iter().find(|path| is_temporary(path)).unwrap()
@@ -118,7 +118,7 @@ fn a_large_file_overwrites_the_version_before_the_last() {
 #[cfg(target_os = "linux")]
 #[test]
 fn files_in_use_elsewhere_are_not_overwritten() {
-    // The file is open when it is replaced, for reading or because it is mapped.
+    // Case: the recycled file is open, for reading or as a memory map.
     let Some(mut file) = RewrittenFile::new() else { return };
     let open = File::open(file.spare()).unwrap();
     assert_eq!(file.write(3), None);
@@ -126,7 +126,7 @@ fn files_in_use_elsewhere_are_not_overwritten() {
     io::Read::read_to_end(&mut &open, &mut seen).unwrap();
     assert!(seen == vec![1; RewrittenFile::LEN], "a reader sees what it has opened");
     drop(open);
-    // The file has a second name (a hard link), made before or after it was replaced.
+    // Case: the file has a second name (a hard link), made before or after it was replaced.
     let Some(mut file) = RewrittenFile::new() else { return };
     let copy = file.folder.path().join("copy.bin");
     fs::hard_link(file.spare(), &copy).unwrap();
@@ -141,16 +141,16 @@ fn files_in_use_elsewhere_are_not_overwritten() {
 #[cfg(target_os = "linux")]
 #[test]
 fn files_changed_by_others_are_not_recycled() {
-    // The file is changed at its path.
+    // Case: another program changes the file at its path.
     let Some(mut file) = RewrittenFile::new() else { return };
     write_at(&File::options().write(true).open(&file.path).unwrap(), 5, b"x").unwrap();
     assert_eq!(file.write(3), Some(1));
     assert_eq!([file.write(4), file.write(5)], [None, Some(3)]);
-    // The file is changed after it was replaced.
+    // Case: another program changes the recycled file after it was replaced.
     let Some(mut file) = RewrittenFile::new() else { return };
     write_at(&File::options().write(true).open(file.spare()).unwrap(), 5, b"x").unwrap();
     assert_eq!(file.write(3), None);
-    // At the path there is another file, or nothing, or the folder does not exist.
+    // Case: at the path there is another file or nothing, or the folder does not exist.
     let Some(mut file) = RewrittenFile::new() else { return };
     fs::remove_file(&file.path).unwrap();
     assert_eq!(file.write(3), Some(1));
@@ -207,7 +207,7 @@ fn concurrent_writing_and_sweeping_loses_nothing() {
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 4);
 }
 
-/// Collects the source files below a folder, except those of `writing`. The tests at the end of each file are removed.
+/// Collects the source files below a folder, except those of the module `writing`. Cuts off the tests at the end of each file.
 fn sources(folder: &Path, found: &mut Vec<(PathBuf, String)>) {
     let room = ["engine/writing", "engine/writing.rs"];
     for entry in fs::read_dir(folder).unwrap() {
@@ -225,7 +225,7 @@ fn sources(folder: &Path, found: &mut Vec<(PathBuf, String)>) {
     }
 }
 
-/// Returns the paths of modules that a source file declares under `#[cfg(test)]`.
+/// Returns the files of the modules that a source file declares under `#[cfg(test)]`.
 fn test_modules(path: &Path, text: &str) -> Vec<PathBuf> {
     let declared = text.split("#[cfg(test)]\nmod ").skip(1);
     let names = declared.filter_map(|rest| Some(rest.split_once(';')?.0));

@@ -1,10 +1,10 @@
-//! The fields of a tolerance that are possible for each value type.
+//! The fields that a tolerance can have for each value type.
 
 use maquette_graph::catalog::Catalog;
 use maquette_value::{Meaning, ValueType};
 
-/// The possible fields of a tolerance, in three lists: for values with positions, for values with other numbers, and for values that
-/// contain only colors or flags.
+/// The fields that a tolerance can have: for values with positions, for values with other numbers, and for values with only colors or
+/// flags.
 pub(super) const POSITION_FIELDS: [&str; 11] = [
     "max",
     "rms",
@@ -21,8 +21,8 @@ pub(super) const POSITION_FIELDS: [&str; 11] = [
 const NUMBER_FIELDS: [&str; 6] = ["max", "normals", "attributes", "differing", "relative", "keep"];
 const LEVEL_FIELDS: [&str; 5] = ["differing", "level", "hard", "relative", "keep"];
 
-/// Returns the fields of a tolerance that are possible for a value type. They depend on the meaning of the type's numbers. If the type has
-/// no sample values, all fields are possible.
+/// Returns the fields that a tolerance can have for a value type. They depend on the meaning of the type's numbers. If the type has no
+/// sample values, all fields are possible.
 fn fields_of(kind: &ValueType) -> &'static [&'static str] {
     let values = kind.edge_cases();
     fn means(wanted: &[Meaning], values: &[maquette_node::AnyValue]) -> bool {
@@ -43,8 +43,8 @@ fn fields_of(kind: &ValueType) -> &'static [&'static str] {
     }
 }
 
-/// A function that returns the possible fields of a tolerance for the name of a value type. If the name is unknown, it returns the known
-/// names.
+/// A function that returns the fields that a tolerance can have, given the name of a value type. For an unknown name it returns the known
+/// names as an error.
 pub(super) type Fields<'a> =
     dyn Fn(&str) -> Result<&'static [&'static str], Vec<&'static str>> + 'a;
 

@@ -6,15 +6,16 @@ use maquette_value::parallel::*;
 use super::{Measure, Tolerance, in_unit, unit};
 use crate::parts::{Class, GoldenColumn};
 
-/// The default tolerance: a billionth of the diagonal of all positions, or of the range of all numbers. One program computes the same bits
-/// each time, so only the rounding of sums in another order must be tolerated, some 1e-13. A larger tolerance would hide faults; a smaller
-/// one would fail on harmless changes of code.
+/// The default tolerance, as a fraction of the diagonal of all positions or of the range of all numbers. The same program computes the same
+/// bits each time. So it only has to allow for rounding when sums are computed in another order, some 1e-13. A larger tolerance would hide
+/// faults; a smaller one would fail on harmless changes of code.
 const DEFAULT_FRACTION: f64 = 1e-9;
 
-/// The default limit for the angle between normals if positions may differ, in degrees. Smaller angles are invisible.
+/// The default limit for the angle between two normals, in degrees, if the tolerance allows positions to differ. A smaller angle is not
+/// visible.
 const DEFAULT_NORMAL_ANGLE: f64 = 0.5;
 
-/// Returns the largest allowed difference in a column.
+/// Returns the largest allowed difference of an element in a column.
 pub(crate) fn allowed_difference(part: &GoldenColumn, tolerance: &Tolerance) -> f64 {
     let fraction = tolerance.default_fraction.unwrap_or(DEFAULT_FRACTION);
     explicit_limit(part, tolerance).unwrap_or_else(|| match part.class {
@@ -24,7 +25,7 @@ pub(crate) fn allowed_difference(part: &GoldenColumn, tolerance: &Tolerance) -> 
     })
 }
 
-/// Returns the limit that a tolerance explicitly sets for a column, or `None`.
+/// Returns the limit that the tolerance sets for a column, or `None` if the default applies.
 pub(crate) fn explicit_limit(part: &GoldenColumn, tolerance: &Tolerance) -> Option<f64> {
     let limit = limit_of(part, tolerance)?;
     let explicit = tolerance.limits().find(|(name, _)| *name == limit).map(|(_, most)| most);
@@ -32,14 +33,14 @@ pub(crate) fn explicit_limit(part: &GoldenColumn, tolerance: &Tolerance) -> Opti
         Class::Exact => Some(0.0),
         Class::Level => Some(tolerance.level),
         Class::Normal => Some(DEFAULT_NORMAL_ANGLE),
-        // Only `rms` or `p99` is limited, so a single number may have any difference.
+        // The tolerance limits only `rms` or `p99`, so a single number may differ by any amount.
         Class::Position | Class::Number => Some(f64::INFINITY),
     })
 }
 
-/// Returns the name of the attribute or field in a tolerance that sets the limit for a column, or `None`.
+/// Returns the name of that field or attribute of a tolerance which sets the limit for a column, or `None` if the default applies.
 pub(crate) fn limit_of<'t>(part: &GoldenColumn, tolerance: &'t Tolerance) -> Option<&'t str> {
-    // A limit for `uv` or `area` also applies to columns such as `corner uv` and `face area`.
+    // A limit for `uv` also applies to the column `corner uv`, and a limit for `area` to `face area`.
     let short = part.name.rsplit(' ').next().unwrap_or_default();
     let attributes = &tolerance.attributes;
     if let Some((name, _)) =
@@ -66,10 +67,10 @@ pub(crate) fn limit_of<'t>(part: &GoldenColumn, tolerance: &'t Tolerance) -> Opt
     known.then_some(name)
 }
 
-/// Returns the size to which relative limits of a column refer: the diagonal of its bounding box.
+/// Returns the size of which relative limits of a column are fractions: the diagonal of its bounding box.
 pub(crate) fn size(part: &GoldenColumn) -> f64 {
-    // For positions the extent is used, because it does not depend on the distance from the origin. Numbers that are all equal have no
-    // range, so the numbers themselves determine the scale.
+    // For positions the diagonal does not depend on the distance from the origin. Other numbers may all be equal, so that the diagonal is
+    // 0; then the size is a thousandth of the largest number.
     if part.class == Class::Position {
         return part.diagonal();
     }
@@ -78,22 +79,22 @@ pub(crate) fn size(part: &GoldenColumn) -> f64 {
     part.diagonal().max(largest * 1e-3)
 }
 
-/// The rounding error of a stored column.
+/// The rounding error with which a golden stores a column.
 #[derive(Clone, Copy)]
 pub(crate) struct Rounding {
     /// The maximum error of a single number.
     pub(crate) max_number_error: f64,
-    /// The maximum error of an element, in the unit of differences.
+    /// The maximum error of an element (such as a point), in the unit of differences.
     pub(crate) error: f64,
 }
 
 impl Rounding {
-    /// The rounding of a column that is stored exactly.
+    /// No rounding error: the column is stored exactly.
     pub(crate) const NONE: Self = Self { max_number_error: 0.0, error: 0.0 };
 }
 
 /// Compares the entries of `old` with those of `new`, which must have the same count. `old` may contain only every n-th entry. Differences
-/// that rounding alone may cause do not count.
+/// that may come from rounding alone do not count.
 pub(crate) fn compare_columns(
     old: &GoldenColumn,
     new: &GoldenColumn,
@@ -135,8 +136,8 @@ pub(crate) fn compare_columns(
     measure
 }
 
-/// Returns statistics of the differences in a column. `beyond` computes the differences that exceed a relative limit. Only differences
-/// beyond the relative limit of the tolerance count. Also returns all differences: those beyond the limit 0.
+/// Returns the measure of a column, and all differences. `beyond` computes the differences that exceed a given relative limit. Only
+/// differences beyond the relative limit of the tolerance count.
 pub(super) fn measure_with_relative(
     name: &str,
     beyond: impl Fn(f64) -> Vec<f64>,
@@ -153,11 +154,11 @@ pub(super) fn measure_with_relative(
     (all, differences)
 }
 
-/// Returns the statistics of the differences in the column `name`: maximum, mean values, and the fraction of elements that differ.
+/// Returns statistics of the differences in the column `name`, such as the maximum, means, and the fraction of elements that differ.
 pub(crate) fn measure(name: &str, differences: &[f64], class: Class, allowed: f64) -> Measure {
     const CHUNK: usize = 1 << 14;
     let by_share = matches!(class, Class::Level | Class::Exact);
-    // For colors, differences up to the allowed one do not count.
+    // For colors and whole numbers, differences up to the allowed one do not count.
     let least = if by_share { allowed } else { 0.0 };
     let sums = differences.par_chunks(CHUNK).map(|chunk| {
         let sum: f64 = chunk.iter().map(|d| d * d).sum();
@@ -193,8 +194,8 @@ fn percentile(differences: &[f64]) -> f64 {
     *sorted.select_nth_unstable_by(place, f64::total_cmp).1
 }
 
-/// Records a failure in a measure if it exceeds a limit. If the old value was rounded when it was stored, the measure passes only if every
-/// value that rounds to the stored one would pass.
+/// Records in a measure which limit is exceeded, if any. If the old value was rounded when it was stored, the measure passes only if every
+/// value that is rounded to the stored one would pass.
 pub(crate) fn judge(measure: &mut Measure, class: Class, tolerance: &Tolerance) {
     /// The maximum rounding error of a stored value, as a fraction of the limit.
     const MAX_ERROR_FRACTION: f64 = 0.1;
@@ -207,7 +208,7 @@ pub(crate) fn judge(measure: &mut Measure, class: Class, tolerance: &Tolerance) 
     ];
     for (what, found, limit) in limits {
         let Some(limit) = limit.filter(|_| measure.failure.is_empty()) else { continue };
-        // The comparison is false for NaN, so NaN fails, too.
+        // A NaN fails, because this comparison is false for it.
         if found + error <= limit {
             continue;
         }
@@ -249,7 +250,7 @@ pub(crate) fn judge(measure: &mut Measure, class: Class, tolerance: &Tolerance) 
     }
 }
 
-/// Returns the index of the largest difference.
+/// Returns the index of the largest difference, or `None` if all are 0.
 pub(super) fn worst(differences: &[f64]) -> Option<usize> {
     let worst =
         (0..differences.len()).max_by(|&a, &b| differences[a].total_cmp(&differences[b]))?;
@@ -275,8 +276,8 @@ pub(super) fn in_words(numbers: &[f64]) -> String {
     }
 }
 
-/// Returns the difference of two elements. It is 0 if each pair of numbers differs by at most `relative` times the mean of both. Two NaNs
-/// do not differ; one NaN is an infinite difference.
+/// Returns the difference between two elements. It is 0 if each pair of numbers differs by at most `relative` times the mean of the two.
+/// Two NaNs do not differ. A NaN and a number differ infinitely.
 pub(super) fn difference(class: Class, a: &[f64], b: &[f64], relative: f64) -> f64 {
     let mut pairs = a.iter().zip(b);
     if relative > 0.0
@@ -296,7 +297,7 @@ pub(super) fn difference(class: Class, a: &[f64], b: &[f64], relative: f64) -> f
             if a == b {
                 0.0
             } else if shorter > 0.0 {
-                // The angle is computed from the chord, because the arc cosine cannot resolve angles below a millionth of a degree. Unequal
+                // Compute the angle from the chord, because the arc cosine cannot resolve angles below a millionth of a degree. Unequal
                 // lengths make the chord longer.
                 let half = distance(a, b) / longer / 2.0;
                 (2.0 * libm::asin(half.min(1.0))).to_degrees()
@@ -307,7 +308,7 @@ pub(super) fn difference(class: Class, a: &[f64], b: &[f64], relative: f64) -> f
     }
 }
 
-/// Returns the length of the difference of two elements.
+/// Returns the length of the difference vector of two elements.
 fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(component_difference).map(|d| d * d).sum::<f64>().sqrt()
 }
@@ -316,7 +317,7 @@ fn component_difference((a, b): (&f64, &f64)) -> f64 {
     match (a.is_nan(), b.is_nan()) {
         (true, true) => 0.0,
         (true, false) | (false, true) => f64::INFINITY,
-        // Two equal infinite numbers do not differ, although their difference is NaN.
+        // Two equal infinite numbers do not differ, although their difference would be NaN.
         _ if a == b => 0.0,
         _ => (a - b).abs(),
     }

@@ -1,5 +1,5 @@
-//! Compares two meshes. If their faces are equal, they are compared element by element, otherwise by the distances between their surfaces
-//! in both directions.
+//! Compares two meshes. If their faces are equal, they are compared element by element. Otherwise the distances between their surfaces are
+//! measured in both directions.
 
 use maquette_engine::six_digits;
 use maquette_value::Topology;
@@ -12,7 +12,7 @@ use super::columns::{difference, in_words, judge, measure, measure_with_relative
 use super::{Comparison, Measure, Tolerance, Verdict, allowed_difference, compare_parts, order};
 use crate::parts::{Class, GoldenColumn, GoldenParts};
 
-/// Compares two meshes. `error` returns the rounding error of a column of the old mesh, given its name.
+/// Compares two meshes. `error` returns the rounding error of a column of the old mesh, given the name of the column.
 pub(crate) fn compare_meshes(
     old: &Mesh,
     new: &Mesh,
@@ -64,7 +64,7 @@ pub(crate) fn compare_meshes(
     Comparison::new(reasons, measures)
 }
 
-/// Describes how faces differ if the surfaces are equal: polygons are divided by other diagonals, or faces have the other orientation.
+/// Describes how the faces differ although the surfaces are equal: polygons are divided by other diagonals, or faces are flipped.
 fn face_differences(old: &Mesh, new: &Mesh, tree: &TriangleTree, limit: f64) -> Option<String> {
     let same_places = old.positions().len() == new.positions().len()
         && old.positions().iter().zip(new.positions().iter()).all(|(a, b)| (a - b).norm() <= limit);
@@ -74,7 +74,7 @@ fn face_differences(old: &Mesh, new: &Mesh, tree: &TriangleTree, limit: f64) -> 
         return (gone > 0)
             .then(|| format!("{gone} faces have other vertices or another orientation"));
     }
-    /// The maximum number of faces whose orientation is tested.
+    /// The maximum number of faces for which it is tested if they are flipped.
     const MAX_TESTED_FACES: usize = 1 << 15;
     let middles = face_centers(old, old.faces().len().div_ceil(MAX_TESTED_FACES).max(1));
     let hits = tree.nearest_to_all(&middles.iter().map(|(_, middle)| *middle).collect::<Vec<_>>());
@@ -84,13 +84,14 @@ fn face_differences(old: &Mesh, new: &Mesh, tree: &TriangleTree, limit: f64) -> 
             before.dot(&new.area_vector(new.faces().face(hit.face as usize))) < 0.0
         })
     });
-    // A few flipped faces are ignored: between two sheets that are close together, the nearest point may be on the wrong sheet.
+    // Ignore a few flipped faces. If two sheets are close together, the nearest point may be on the wrong sheet.
     let percent = 100.0 * flipped.count() as f64 / middles.len().max(1) as f64;
     (percent > 1.0)
         .then(|| format!("{} % of the faces have the opposite orientation", six_digits(percent)))
 }
 
-/// Returns a sorted list of faces. Each face is the list of its vertices, beginning with the smallest.
+/// Returns the faces in a normal form for comparing them: each is a list of its vertices that begins with the smallest, and the faces are
+/// sorted.
 fn sorted_faces(mesh: &Mesh) -> Vec<Vec<u32>> {
     let mut rings: Vec<Vec<u32>> = (0..mesh.faces().len())
         .into_par_iter()
@@ -105,20 +106,20 @@ fn sorted_faces(mesh: &Mesh) -> Vec<Vec<u32>> {
     rings
 }
 
-/// The results of searching the nearest point on another mesh, for all vertices of a mesh or for every n-th one.
+/// For each vertex of a mesh, or for every n-th one, the nearest point on another mesh.
 struct Search {
-    /// The step between measured vertices in the list of all vertices: 1 if all are measured.
+    /// The step between two measured vertices: 1 if all vertices are measured.
     stride: usize,
     hits: Vec<Option<NearestPoint>>,
 }
 
 impl Search {
-    /// Finds the nearest point on the other mesh for every vertex. If there are very many vertices and each search is slow because the
-    /// meshes are far apart, searches only for some of them, provided that one of these already exceeds the limit.
+    /// Finds the nearest point on the other mesh for every vertex. If there are very many vertices and searches are slow (because the
+    /// meshes are far apart), searches only for some of them; but only if one of these already exceeds the limit.
     fn new(from: &Mesh, to: &TriangleTree, limit: f64) -> Self {
-        /// The number of vertices that are measured first. They show how far apart the surfaces are and how slow a search is.
+        /// The approximate number of vertices that are measured first. They show how far apart the surfaces are and how slow a search is.
         const FIRST_VERTICES: usize = 1 << 15;
-        /// A search that visits more boxes of the search tree than this is slow. A search near the surface visits about 40.
+        /// The number of boxes of the search tree above which a search is slow. A search near the surface visits about 40 boxes.
         const SLOW_SEARCH_BOXES: usize = 200;
         let all = from.positions();
         let stride = all.len() / FIRST_VERTICES;
@@ -134,7 +135,7 @@ impl Search {
         Self { stride: 1, hits: to.nearest_to_all(all) }
     }
 
-    /// Measures the distance of a surface from another surface, at its vertices and faces. If the other surface may have other faces, also
+    /// Measures the distance of a surface from another surface at its vertices and faces. If the tolerance allows other faces, also
     /// measures at the midpoints of edges.
     fn measure(
         &self,
@@ -146,7 +147,7 @@ impl Search {
     ) -> Measure {
         let mut nearest = self.hits.clone();
         let mut between = Vec::new();
-        // If only some vertices were measured, the limit is already exceeded, so no further points are needed.
+        // If only some vertices were measured, one of them already exceeds the limit, so no more points are needed.
         if self.stride == 1 {
             (between, nearest) = add_face_samples(from, to, nearest);
             if tolerance.remeshed {
@@ -182,16 +183,16 @@ fn distance(hit: &Option<NearestPoint>) -> f64 {
     hit.map_or(f64::INFINITY, |hit| hit.distance_sq.sqrt())
 }
 
-/// A sample point of a surface, on a face or on an edge.
+/// A sample point of a surface: on the face `face`, or on an edge if `face` is `None`.
 struct Sample {
     face: Option<usize>,
     at: Point3<f64>,
 }
 
-/// Adds a sample point of each face to `hits`. The samples detect a face that the other mesh lacks, even if the other mesh has all vertices
-/// of the face. The sample point of a face is the centroid of three consecutive corners. The other mesh may divide the face into different
-/// triangles. So the centroid of every triple of consecutive corners is tested, and the one nearest to the other mesh is used. This is
-/// sufficient, because every triangulation of a polygon contains a triangle whose corners are consecutive.
+/// Adds the nearest point of a sample of each face to `hits`. The samples detect faces that the other mesh lacks, even if it has all their
+/// vertices. The sample of a face is the centroid of three consecutive corners. The other mesh may divide a polygon into other triangles,
+/// so every three consecutive corners are tried, and the centroid nearest to the other mesh is used. This is enough: every triangulation of
+/// a polygon contains a triangle of three consecutive corners.
 fn add_face_samples(
     mesh: &Mesh,
     to: &TriangleTree,
@@ -240,8 +241,8 @@ fn edge_midpoints(mesh: &Mesh) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// Compares the attributes of `old` with the attributes of `new` at the nearest point. Also returns descriptions of attributes that are
-/// missing or new.
+/// Compares the attributes of `old` with those of `new` at the nearest point. Also returns descriptions of attributes that only one of the
+/// meshes has.
 fn attributes(
     old: &Mesh,
     new: &Mesh,
@@ -295,7 +296,7 @@ fn attributes(
     (measures, reasons)
 }
 
-/// The kind of elements to which attributes belong.
+/// The kind of element to which an attribute belongs.
 #[derive(Clone, Copy)]
 enum Domain {
     Vertex,
@@ -335,7 +336,7 @@ fn compare_at_vertices(
         let nearest_corner =
             (0..3).max_by(|&a, &b| hit.barycentric[a].total_cmp(&hit.barycentric[b])).unwrap_or(0);
         let there = match part.class {
-            // Such values cannot be interpolated, so the value of the nearest corner is used.
+            // Whole numbers and colors cannot be interpolated, so use the value of the nearest corner.
             Class::Exact | Class::Level => other.element(corners[nearest_corner]).to_vec(),
             _ => interpolate(other, corners, hit.barycentric),
         };
@@ -354,7 +355,7 @@ fn compare_at_vertices(
     )
 }
 
-/// Returns every n-th face with the center of its first triangle. Unlike a corner, the center is near to only one face.
+/// Returns every `stride`-th face, with the center of its first triangle. Unlike a corner, this point is near to only one face.
 fn face_centers(mesh: &Mesh, stride: usize) -> Vec<(usize, Point3<f64>)> {
     fn middle(face: usize, mesh: &Mesh) -> (usize, Point3<f64>) {
         let corners = first_triangle(mesh, face).map(|corner| mesh.faces().corners()[corner]);
@@ -366,7 +367,7 @@ fn face_centers(mesh: &Mesh, stride: usize) -> Vec<(usize, Point3<f64>)> {
     (0..count).into_par_iter().map(|index| middle(index * stride, mesh)).collect()
 }
 
-/// Returns the corners of the first triangle of a face, as indices into the corners of all faces.
+/// Returns the corners of the first triangle of a face. The corners of all faces are numbered in one sequence.
 fn first_triangle(mesh: &Mesh, face: usize) -> [usize; 3] {
     let first = mesh.faces().first_corner(face);
     let triangle = mesh.face_triangles(face).next().expect("a face has three corners");

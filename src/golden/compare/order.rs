@@ -1,4 +1,4 @@
-//! A hash of meshes and of points that does not depend on the order of elements.
+//! A hash of meshes and point sets that does not depend on the order of their elements.
 
 use maquette_value::parallel::*;
 use maquette_value::rng;
@@ -7,7 +7,7 @@ use maquette_value::{AnyValue, Attributes, Faces, Mesh, Points};
 
 use crate::parts::{GoldenColumn, GoldenParts};
 
-/// Returns the sum of the marks (hashes) of all faces and vertices, or of all points. Returns `None` for a value whose order matters.
+/// Returns the sum of the hashes of all faces and vertices, or of all points. Returns `None` for a value whose order matters.
 pub(crate) fn unordered_hash(value: &AnyValue) -> Option<u128> {
     if let Some(mesh) = value.get::<Mesh>() {
         return Some(mesh_mark(mesh));
@@ -19,8 +19,7 @@ pub(crate) fn unordered_hash(value: &AnyValue) -> Option<u128> {
     Some(sum(&marks(&columns, count)))
 }
 
-/// Returns the mark of a mesh, the sum of the marks of its elements. The mark of a face does not depend on the corner at which the face
-/// begins.
+/// Returns the sum of the hashes (marks) of all elements of a mesh. The hash of a face does not depend on the corner at which it begins.
 pub(super) fn mesh_mark(mesh: &Mesh) -> u128 {
     fn columns(attributes: &Attributes) -> Vec<(usize, Vec<u64>)> {
         columns_of(attributes)
@@ -59,7 +58,7 @@ pub(super) fn mesh_mark(mesh: &Mesh) -> u128 {
         mix(mix(a.min(b), a.max(b)), sharpness.to_bits())
     });
     let creases: Vec<u64> = creases.collect();
-    // The materials are represented by the hash of an empty mesh with these materials.
+    // Represent the materials by the hash of an empty mesh that has them.
     let bare = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).ok();
     let texture = bare.filter(|_| !mesh.materials().is_empty()).map_or(0, |bare| {
         let hash = maquette_value::hash_of(&bare.with_materials(mesh.materials().clone()));
@@ -105,7 +104,7 @@ fn sum(marks: &[u64]) -> u128 {
         .reduce(|| 0, u128::wrapping_add)
 }
 
-/// Mixes further bits into a mark. The order in which bits are mixed in matters.
+/// Mixes more bits into a hash. The result depends on the order in which bits are mixed in.
 fn mix(mark: u64, bits: u64) -> u64 {
     rng::mix((mark ^ bits).wrapping_add(STEP)).wrapping_add(mark.rotate_left(23))
 }

@@ -1,4 +1,4 @@
-//! Tests with pairs of values whose difference is known.
+//! Tests comparisons with pairs of values whose difference is known.
 
 use maquette_value::{Attribute, Faces, Image, Trace, TraceStep};
 use nalgebra::{Point3, Vector3};
@@ -20,7 +20,7 @@ fn sheet(n: u32) -> Mesh {
     mesh.with_vertex("uv", Attribute::Pair(uv.into())).unwrap()
 }
 
-/// Returns the mesh with its vertices and faces in reverse order. Every face begins at its second corner.
+/// Returns the mesh with its vertices and faces in reverse order. Every face begins at its second corner instead of its first.
 fn reverse_order(mesh: &Mesh) -> Mesh {
     let last = mesh.positions().len() as u32 - 1;
     let faces = mesh.faces().iter().map(|f| [last - f[1], last - f[2], last - f[0]]);
@@ -41,7 +41,7 @@ fn check(old: &Mesh, new: &Mesh, tolerance: &Tolerance) -> Comparison {
 }
 
 fn tolerance_of(max: f64) -> Tolerance {
-    // The nearest point of a lifted wavy sheet is slightly shifted, and so are the texture coordinates at that point.
+    // On a wavy sheet that is lifted, the nearest point is slightly shifted, and so is its texture coordinate.
     Tolerance {
         max: Some(max),
         attributes: [("uv".to_owned(), 0.1)].into(),
@@ -95,7 +95,7 @@ fn topology_comes_before_distances() {
     assert_eq!(check(&mesh, &holed, &lax).verdict, Verdict::Within);
 }
 
-/// Returns the mesh without some of its faces. All vertices are kept.
+/// Returns the mesh without the faces for which `is_gone` is true. All vertices are kept.
 fn without_faces(mesh: &Mesh, is_gone: impl Fn(usize) -> bool) -> Mesh {
     let faces: Vec<_> = mesh.faces().iter().map(<[u32]>::to_vec).collect();
     let kept = faces.iter().enumerate().filter(|(index, _)| !is_gone(*index));
@@ -105,7 +105,7 @@ fn without_faces(mesh: &Mesh, is_gone: impl Fn(usize) -> bool) -> Mesh {
     Mesh::new(mesh.positions().to_vec(), faces).unwrap()
 }
 
-/// Creates a wavy sheet of quads. The list of vertices of each quad begins with the quad's corner number `first`.
+/// Creates a wavy sheet of quads. The vertices of each quad are listed from its corner number `first`.
 fn quads(n: u32, first: usize) -> Mesh {
     let cells = (0..n - 1).flat_map(|row| (0..n - 1).map(move |column| row * n + column));
     let corners = cells.flat_map(|a| {
@@ -131,7 +131,7 @@ fn a_missing_face_is_measured_although_its_vertices_exist() {
                     measures[seen].max > 0.2 && measures[1 - seen].max < 1e-9,
                     "{comparison:?}"
                 );
-                // If other faces are allowed, the midpoints of edges are measured, so the largest difference may be at an edge.
+                // If the tolerance allows other faces, edges are measured, too, and the largest difference may be at an edge.
                 let face = if remeshed { "" } else { "face " };
                 assert!(measures[seen].worst.starts_with(face), "{comparison:?}");
                 assert!(!measures[seen].worst.starts_with("vertex "), "{comparison:?}");
@@ -198,7 +198,7 @@ fn missing_and_changed_attributes_are_reported() {
 
 #[test]
 fn corner_and_face_attributes_are_compared_across_different_faces() {
-    // Creates a mesh whose corners and faces have numbers that depend only on their positions. If `turned` is true, the faces are in
+    // Creates a mesh with numbers at its corners and faces that depend only on their positions. If `turned` is true, the faces are in
     // reverse order.
     fn mesh_with_numbers(turned: bool, off: f64) -> Mesh {
         let mesh = sheet(12).without_attribute("uv");

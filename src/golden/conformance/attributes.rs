@@ -1,7 +1,7 @@
-//! Law 11: attributes are handled as a node declares. The test gives marks (attributes of every kind) to all kinds of elements (domains) of
-//! meshes and points, and runs the node's example with them.
+//! Law 11: attributes are handled as a node declares. The test gives attributes of every type ("marks") to all kinds of elements
+//! ("domains") of meshes and points. Then it runs the node's example on these values.
 //!
-//! All marks of an element are computed from one number. So the test detects if an element of the result has marks from different elements.
+//! All marks of an element are computed from one number. So the test notices if an element of the result has marks from different elements.
 
 use maquette_node::{DOMAINS, Progress, Transfer};
 use maquette_value::{AnyValue, Attribute, Attributes, Mesh, Points};
@@ -9,18 +9,18 @@ use maquette_value::{AnyValue, Attribute, Attributes, Mesh, Points};
 use super::extremes::Case;
 use super::{evaluate_node, inputs};
 
-/// The name of the mark that stores the number of an element. All other marks of the element are computed from this number.
+/// The name of the attribute that stores the number of an element. All other marks of the element are computed from this number.
 const MARK: &str = "mark-of-the-law";
 
-/// The sharpness of a marked edge. Nodes must not change it.
+/// The crease sharpness that marks an edge. A node must not change it.
 const SHARP: f64 = 10.0;
 
-/// The indices of the domains whose attributes may have a reserved name such as `uv`: vertices (0) and corners (1). A test uses one domain
-/// at a time.
+/// The indices of the domains that can have attributes with special names such as `uv`: vertices (0) and corners (1). A test run gives
+/// special names to only one of the two.
 const NAMED_DOMAINS: [usize; 2] = [0, 1];
 
-/// Checks that the node of an example declares how it handles attributes, for each pair of port and output, and that each declaration is
-/// right.
+/// Checks that a node declares how it handles attributes, for each pair of port and output. Also checks with the node's example that it
+/// does what it declares.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     let (entry, node) = (case.entry, &case.graph.nodes()[case.index]);
     let declared = entry.carries();
@@ -49,7 +49,7 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
         }
     }
     let Some(good) = inputs(node, case.values) else { return };
-    // A node that fails here, for instance because it reads files, cannot be tested.
+    // Skip a node that fails here, for instance because it reads files: it cannot be tested.
     if !matches!(evaluate_node(node, &good, Progress::silent()), Ok(Some(_))) {
         return;
     }
@@ -64,7 +64,7 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
                     given[slot] = marked;
                 }
             }
-            // The elements of this domain cannot be marked, because the values have none: points have no corners.
+            // Stop if the values have no elements of this kind to mark. For example, points have no corners.
             if marks.counts[named] == 0 {
                 break;
             }
@@ -91,15 +91,15 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     }
 }
 
-/// A kind of mark: its name, and how its attribute is computed from numbers.
+/// A kind of mark: the name of an attribute, and the function that computes it from the numbers of elements.
 struct Kind {
     name: &'static str,
     make: fn(&[f64]) -> Attribute,
-    /// True if interpolating the numbers gives the interpolated attribute.
+    /// True if the attribute of an interpolated number equals the interpolated attribute.
     is_linear: bool,
 }
 
-/// All kinds of marks. `MARK` is the first. A kind whose name does not begin with `MARK` has a name that nodes know, such as `uv`.
+/// All kinds of marks. The first is `MARK` itself. Names that do not begin with `MARK` have a special meaning for nodes, such as `uv`.
 const KINDS: [Kind; 8] = [
     Kind { name: MARK, make: |x| Attribute::Number(x.to_vec().into()), is_linear: true },
     Kind { name: "mark-of-the-law-index", make: index, is_linear: false },
@@ -138,19 +138,19 @@ fn color(x: &[f64]) -> Attribute {
     )
 }
 
-/// The marks of a test.
+/// The marks that one test run has placed.
 #[derive(Default)]
 struct Marks {
-    /// The number of marked elements in each domain. The elements of a domain are numbered from 1.
+    /// The number of marked elements of each kind. The elements of each kind are numbered from 1.
     counts: [usize; 4],
 }
 
 impl Marks {
-    /// Returns a copy of the value with marks at each element. Returns `None` if values of this type have no attributes. `named` is the
-    /// domain that gets the marks whose names are known to nodes.
+    /// Returns a copy of the value whose elements are all marked. Returns `None` if values of this type have no attributes. `named` is the
+    /// index of the domain that gets the attributes with special names.
     fn put(&mut self, value: &AnyValue, named: usize) -> Option<AnyValue> {
         fn numbers(domain: usize, count: usize, counts: &mut [usize; 4]) -> Vec<f64> {
-            // Each link continues the numbers of the previous one, so no two links have an element with the same number.
+            // Continue the numbers of the previous link, so that elements of different links have different numbers.
             let first = counts[domain];
             counts[domain] += count;
             (first + 1..=first + count).map(|number| number as f64).collect::<Vec<_>>()
@@ -184,7 +184,7 @@ impl Marks {
                 marked = marked.with_face(kind.name, (kind.make)(&numbers[2])).ok()?;
             }
         }
-        // Normals are not arbitrary marks: nodes rotate them with the surface, so they must be the real normals.
+        // Use the real normals instead of arbitrary marks, because nodes rotate normals with the surface.
         let normals = mesh.vertex_normals();
         let all = Vec::from_iter(0..counts[0] as u32);
         let at = [&all[..], mesh.faces().corners()][named]
@@ -204,8 +204,8 @@ impl Marks {
         Some(AnyValue::new(marked))
     }
 
-    /// Returns the contradictions between the result `made` and the declared handling `fate` of the marks in a domain. `own` are attributes
-    /// that the node creates itself.
+    /// Returns the contradictions between the marks in the result `made` and the handling `fate` that the node declares for a domain. `own`
+    /// are attributes that the node creates itself.
     fn violations(
         &self,
         domain: usize,
@@ -220,7 +220,7 @@ impl Marks {
         if DOMAINS[domain] == "edge" {
             let mesh = made.get::<Mesh>();
             let is_there = mesh.is_some_and(|mesh| mesh.creases().any(|(_, sharp)| sharp == SHARP));
-            // The node may add other creases, so only the marked one is checked.
+            // Check only the marked crease, because the node may add others.
             wrong.extend((is_there == (fate == Transfer::Dropped)).then(|| "a crease".to_owned()));
             return wrong;
         }
@@ -288,7 +288,7 @@ impl Marks {
     }
 }
 
-/// Returns the attributes of a value in a domain.
+/// Returns the attributes of a kind of element of a value, or `None` if the value has no such elements.
 fn attributes(value: &AnyValue, domain: usize) -> Option<&Attributes> {
     if let Some(points) = value.get::<Points>() {
         return (domain == 0).then(|| points.attributes());
@@ -297,7 +297,7 @@ fn attributes(value: &AnyValue, domain: usize) -> Option<&Attributes> {
     Some([mesh.vertex(), mesh.corner(), mesh.face(), mesh.face()][domain])
 }
 
-/// Returns true if all numbers of two attributes of the same kind differ by at most `slack`.
+/// Returns true if the numbers of two attributes differ by at most `slack`. Whole numbers, flags and colors must be equal.
 fn is_near(a: &Attribute, b: &Attribute, slack: f64) -> bool {
     fn are_near(a: &[f64], b: &[f64], slack: f64) -> bool {
         a.iter().zip(b).all(|(a, b)| (a - b).abs() <= slack)
@@ -314,7 +314,7 @@ fn is_near(a: &Attribute, b: &Attribute, slack: f64) -> bool {
     }
 }
 
-/// Returns true if the entries of an attribute come from the given ones. Colors must be between the given colors; entries that cannot be
+/// Returns true if the entries of `found` can come from those of `given`. Colors must be between the given colors. Entries that cannot be
 /// interpolated must be equal to given ones.
 fn is_among(found: &Attribute, given: &Attribute) -> bool {
     match (found, given) {
@@ -338,7 +338,7 @@ mod tests {
 
     use super::*;
 
-    /// Marks two triangles, changes them, and returns the contradictions to the declared handling.
+    /// Marks two triangles, changes the marks, and returns the contradictions to the declared handling.
     fn violations_after(
         domain: usize,
         fate: Transfer,

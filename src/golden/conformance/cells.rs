@@ -1,5 +1,5 @@
-//! Law 11 for range images: the attributes of cells. The color of each cell encodes the number of the cell, and the number determines the
-//! flags of the cell.
+//! Law 11 for range images: the attributes of cells are handled as a node declares. Each cell is numbered. Its color encodes the number,
+//! and its flags are computed from the number.
 
 use maquette_node::{Progress, Transfer};
 use maquette_value::{AnyValue, Attribute, Mesh, RangeImage, Rgb, value_type};
@@ -7,11 +7,11 @@ use maquette_value::{AnyValue, Attribute, Mesh, RangeImage, Rgb, value_type};
 use super::extremes::Case;
 use super::{evaluate_node, inputs};
 
-/// Checks what the node declares about the attributes of cells. A port that accepts several types gets a range image.
+/// Checks that a node handles the attributes of cells as it declares. If a port accepts several types, it gets a range image.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     let (entry, node) = (case.entry, &case.graph.nodes()[case.index]);
     let Some(good) = inputs(node, case.values) else { return };
-    // Nodes that also accept meshes need enough points for a surface, so the range image with the most points is used.
+    // Use the range image with the most points, because nodes that also accept meshes need enough points for a surface.
     let mut others = case.edge_cases.values(value_type::<RangeImage>().name);
     others.sort_by_key(|value| {
         std::cmp::Reverse(value.get::<RangeImage>().map_or(0, RangeImage::n_valid))
@@ -42,7 +42,7 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     }
 }
 
-/// Returns a range image in which each cell is marked by its number. The numbers continue after `count`, which is increased.
+/// Returns a copy of a range image whose cells are numbered. The numbers start after `count`, which is increased by the number of cells.
 fn mark_cells(range: &RangeImage, count: &mut u32) -> Option<AnyValue> {
     let cells = u32::try_from(range.points().len()).ok()?;
     let numbers = *count + 1..=*count + cells;
@@ -62,13 +62,13 @@ fn filled_flag(number: u32) -> u8 {
     (number / 2 % 2) as u8
 }
 
-/// Returns the code for one of the triangles in a cell, or for none; the cell's number determines which.
+/// Returns the code for the triangles in a cell (one of the two, or none), computed from the cell's number.
 fn joined_code(number: u32) -> u8 {
     (number / 4 % 3) as u8
 }
 
-/// Returns the contradictions between the declared handling `fate` of `count` marked cells and the result `made`. `own` are attributes that
-/// the node creates itself.
+/// Returns the contradictions between the result `made` and the handling `fate` that the node declares for `count` numbered cells. `own`
+/// are attributes that the node creates itself.
 fn violations(count: u32, fate: Transfer, own: &[&str], made: &AnyValue) -> Vec<String> {
     let (range, mesh) = (made.get::<RangeImage>(), made.get::<Mesh>());
     let at_vertices = mesh.and_then(|mesh| mesh.vertex().colors("color"));
@@ -80,7 +80,7 @@ fn violations(count: u32, fate: Transfer, own: &[&str], made: &AnyValue) -> Vec<
         };
     };
     match fate {
-        // A range image must not have the color. A mesh may have it from another input.
+        // A range image must not have the color, but a mesh may have one from another input.
         Transfer::Dropped => range.map(|_| "`color` is there".into()).into_iter().collect(),
         Transfer::Interpolated => {
             let is_new = !(0..3).all(|part: usize| {
@@ -132,7 +132,7 @@ mod tests {
 
     use super::*;
 
-    /// Marks two by three cells, changes them, and returns the contradictions to `fate`.
+    /// Numbers two by three cells, changes them, and returns the contradictions to the handling `fate`.
     fn violations_after(
         fate: Transfer,
         change: impl FnOnce(RangeImage) -> RangeImage,

@@ -1,4 +1,4 @@
-//! Law 8: if the numbers of a node are at the ends of their ranges, the node finishes, fails or stops soon.
+//! Law 8: a node whose numbers are at the ends of their ranges finishes, fails, or stops soon after cancellation.
 
 use std::sync::mpsc;
 use std::time::Duration;
@@ -25,17 +25,17 @@ pub(super) struct Case<'a> {
 /// The time after which a running node is cancelled.
 const RUN_TIME: Duration = Duration::from_millis(200);
 
-/// The time that a node gets to stop after it was cancelled. It is many times the 50 ms between two checks, because the machine may be
-/// busy.
+/// The time that a node gets to stop after it was cancelled. It is much longer than the 50 ms between two checks for cancellation, because
+/// the machine may be busy.
 const STOP_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// The number of tests with random combinations of extreme numbers and edge cases.
+/// The number of tests that combine random extreme numbers and edge cases.
 const RANDOM_COMBINATIONS: usize = 12;
 
-/// A number among a node's parameters: its path, and the values at the ends of its range.
+/// A number among a node's parameters: its path, and the values at the ends of its range, as RON.
 type Ends = (String, Vec<String>);
 
-/// Checks law 8 for a node. `load` returns the example of the node with other parameters.
+/// Checks law 8 for a node. `load` loads the example of the node with the given parameters.
 pub(super) fn check(
     case: &Case<'_>,
     load: &dyn Fn(Vec<(String, String)>) -> Option<Graph>,
@@ -78,7 +78,7 @@ pub(super) fn check(
     }
 }
 
-/// Runs a node on a separate thread and cancels it after a while. Returns an error if the node panics or does not stop.
+/// Runs a node on a separate thread, and cancels it after [`RUN_TIME`]. Returns an error if the node panics or does not stop.
 fn run(graph: Graph, name: &str, inputs: Vec<AnyValue>) -> Result<(), String> {
     let (send, receive) = mpsc::channel();
     let cancel = CancelToken::default();
@@ -86,9 +86,9 @@ fn run(graph: Graph, name: &str, inputs: Vec<AnyValue>) -> Result<(), String> {
     std::thread::spawn(move || {
         let Some(index) = graph.find(&name) else { return };
         let progress = Progress { report: None, cancel: Some(&token) };
-        // The node gets its own thread pool. In a shared pool its loops would have to wait while other nodes keep all threads busy.
+        // Give the node its own thread pool. In a shared pool its loops would have to wait while other nodes keep all threads busy.
         let own = rayon::ThreadPoolBuilder::new().build().map_err(|error| error.to_string());
-        // Sending fails if the receiver has stopped waiting.
+        // Ignore an error: sending fails if the receiver has stopped waiting.
         let _ =
             send.send(own.and_then(|own| {
                 own.install(|| run_node(&graph.nodes()[index], &inputs, progress))
@@ -101,7 +101,7 @@ fn run(graph: Graph, name: &str, inputs: Vec<AnyValue>) -> Result<(), String> {
     ended.unwrap_or_else(|_| Err(format!("{STOP_TIMEOUT:?} after cancellation it still runs")))
 }
 
-/// Returns all numbers among the parameters, each with the values at the ends of its range.
+/// Returns all numbers among the parameters. Each has the values at the ends of its range.
 fn numbers(parameters: &Json, schema: &Json) -> Vec<Ends> {
     let mut numbers = Vec::new();
     let scalars = Scalars { schema, max_items: usize::MAX };
@@ -113,8 +113,8 @@ fn numbers(parameters: &Json, schema: &Json) -> Vec<Ends> {
     numbers
 }
 
-/// Returns the smallest and the largest number that a schema allows, or very large numbers if there are no limits. For real numbers also
-/// returns a small one.
+/// Returns the smallest and the largest number that a JSON schema allows, or a very large one where there is no limit. For real numbers,
+/// also returns a very small one.
 fn ends(schema: &Json) -> Vec<String> {
     let is_whole = schema.get("type").and_then(Json::as_str) == Some("integer");
     fn limit(name: &str, schema: &Json) -> Option<f64> {

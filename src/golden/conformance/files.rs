@@ -5,11 +5,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use maquette_graph::catalog::Catalog;
 use maquette_node::importers::{AnyReader, InputFile};
 
-/// The number of positions at which a test file is cut, and also at which one of its bytes is changed.
+/// The number of positions at which a file is cut off, and also the number of positions at which a byte is changed.
 const DAMAGE_POSITIONS: usize = 24;
 
-/// Checks a reader with three kinds of files: files of edge cases that the pack's own format writes, damaged versions of these, and bytes
-/// that are not a file of this format at all.
+/// Checks a reader with three kinds of files: edge cases that the pack's own format writes, damaged versions of these files, and bytes that
+/// have nothing to do with the format.
 pub(super) fn check(reader: &AnyReader, catalog: &Catalog, broken: &mut Vec<String>) {
     let kind = reader.kind();
     for ending in reader.extensions {
@@ -46,7 +46,7 @@ pub(super) fn check(reader: &AnyReader, catalog: &Catalog, broken: &mut Vec<Stri
     }
 }
 
-/// Returns damaged versions of a file: some are cut, and some have a changed byte.
+/// Returns damaged versions of a file: some are cut off, and in others a byte is changed.
 fn damaged_versions(file: &[u8]) -> impl Iterator<Item = Vec<u8>> + '_ {
     let places = (0..DAMAGE_POSITIONS.min(file.len()))
         .map(|k| k * file.len() / DAMAGE_POSITIONS.min(file.len()));

@@ -1,4 +1,4 @@
-//! Law 14, for formats that encode large files in pieces: the pieces equal the corresponding parts of the whole file, wherever they begin
+//! Law 14: if a file format encodes large files in pieces, the pieces equal the corresponding parts of the whole file, wherever they begin
 //! and end.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -9,7 +9,7 @@ use maquette_value::rng::Random;
 
 use super::updates::change_numbers;
 
-/// The sizes of the pieces in bytes. None of them is a multiple of the size of a row.
+/// The sizes of pieces to test, in bytes. None of them is a multiple of the size of a row.
 const PIECES: [usize; 3] = [1, 61, 4099];
 
 /// Checks a format with edge cases of its value type.
@@ -25,7 +25,7 @@ pub(super) fn check(format: &Format, broken: &mut Vec<String>) {
     }
 }
 
-/// Returns a description of the difference between the pieces of a value's file and the whole file, or `None`.
+/// Returns a description of how a value's file in pieces differs from the whole file, or `None` if they are equal.
 fn piece_mismatch(format: &Format, value: &AnyValue) -> Option<String> {
     let whole = format.write(value, "file");
     let content = match format.content(value) {
@@ -51,7 +51,7 @@ fn piece_mismatch(format: &Format, value: &AnyValue) -> Option<String> {
 /// The number of changes that are tested with each value.
 const CHANGES: usize = 12;
 
-/// Returns a description of two pieces that claim to have the same source but are different, or `None`.
+/// Returns a description of two pieces that differ although they claim to have the same source, or `None` if there are none.
 fn false_source_claim(format: &Format, value: &AnyValue) -> Option<String> {
     let before = format.content(value).ok()??;
     let mut dice = Random(0);
@@ -89,7 +89,7 @@ mod tests {
         assert_eq!(broken, [""; 0]);
     }
 
-    /// A faulty format: its pieces depend on the position at which they begin.
+    /// A faulty format for the test: its pieces depend on the position at which they begin.
     struct PositionDependent;
 
     impl FileFormat for PositionDependent {
@@ -115,7 +115,7 @@ mod tests {
         assert!(broken[0].starts_with("`.late`: pieces of 1 bytes are not"), "{broken:?}");
     }
 
-    /// A faulty format: it claims that all pieces have the same source.
+    /// A faulty format for the test: it claims that all pieces have the same source.
     struct ConstantSource;
 
     impl FileFormat for ConstantSource {

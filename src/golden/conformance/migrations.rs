@@ -1,4 +1,4 @@
-//! Law 12: the old names in migrations do not exist any more, and the new names exist.
+//! Law 12: the old name in a migration (a rename of a node or field) does not exist, and the new name exists.
 
 use maquette_graph::catalog::{Catalog, Entry};
 use maquette_node::pack::{Migration, NewValue, Pack};
@@ -37,7 +37,7 @@ pub(super) fn check(pack: &Pack, catalog: &Catalog, broken: &mut Vec<String>) {
     }
 }
 
-/// Returns true if a later migration renames the field again.
+/// Returns true if a later migration renames the new name of the field again.
 fn is_renamed(pack: &Pack, old: &str, new: &str) -> bool {
     pack.migrations.iter().any(|it| match *it {
         Migration::Field { old: again, .. } => again == new && again != old,
@@ -49,7 +49,7 @@ fn has(entry: &Entry, field: &str) -> bool {
     entry.schema()["properties"].get(field).is_some()
 }
 
-/// Returns the node with this name. If the node has been renamed, returns the node with the present name.
+/// Returns the node with this name. If the node has been renamed, follows the migrations to its present name.
 fn present<'c>(name: &str, pack: &Pack, catalog: &'c Catalog) -> Option<&'c Entry> {
     let mut name = name;
     for _ in 0..=pack.migrations.len() {

@@ -1,4 +1,4 @@
-//! Law 10: the outputs of nodes have the promised properties.
+//! Law 10: the outputs of a node have the properties that it promises.
 
 use maquette_graph::catalog::{Catalog, Entry};
 use maquette_node::{Progress, Source};
@@ -7,7 +7,7 @@ use maquette_value::AnyValue;
 use super::extremes::Case;
 use super::{evaluate_node, inputs};
 
-/// Checks that all ports, outputs and properties that the node's promises name exist.
+/// Checks that all ports, outputs and properties exist that the promises of a node name.
 pub(super) fn check_names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) {
     let ports = entry.ports();
     let types_of = |port: &str| {
@@ -30,7 +30,7 @@ pub(super) fn check_names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<Str
     }
 }
 
-/// Checks the promises with the inputs of the example, and with each input replaced by edge cases.
+/// Checks the promises of a node with the inputs of its example, and with edge cases in place of each input.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     let node = &case.graph.nodes()[case.index];
     let Some(good) = inputs(node, case.values) else { return };
@@ -47,7 +47,7 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     }
 }
 
-/// Checks the promises with these inputs, unless the node rejects the inputs.
+/// Checks the promises of a node with the inputs `given`, unless the node rejects them.
 fn judge(case: &Case<'_>, given: &[AnyValue], what: &str, broken: &mut Vec<String>) {
     let node = &case.graph.nodes()[case.index];
     let promises = node.node.promises();

@@ -1,13 +1,13 @@
-//! A walk over the scalar parameters of a node.
+//! Visits the scalar parameters of a node: booleans, numbers and texts.
 
 use maquette_syntax::{resolve, resolve_field, variants};
 use serde_json::Value as Json;
 
-/// A walk over the scalar parameters of a node, also those inside of lists and enum variants.
+/// Visits the scalar parameters of a node, including those inside of lists and enum variants.
 pub(super) struct Scalars<'a> {
     /// The JSON schema of the node.
     pub(super) schema: &'a Json,
-    /// The maximum number of items of each list that are visited.
+    /// The maximum number of items that are visited in each list.
     pub(super) max_items: usize,
 }
 
@@ -39,8 +39,7 @@ impl Scalars<'_> {
                 for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
                     let chosen = choices.iter().find(|(known, _)| known == name);
                     match chosen.map(|(_, content)| content.map(|it| resolve(self.schema, it))) {
-                        // In the file, the fields of a chosen enum variant follow the name of the variant directly, so the path does
-                        // not contain the name.
+                        // Leave the name of the variant out of the path: in a graph file, the fields of a variant follow its name directly.
                         Some(Some(content)) if content.get("properties").is_some() => {
                             self.visit_value(path, value, &content, visit);
                         }

@@ -10,11 +10,11 @@ use maquette_value::{AnyValue, Attribute, Hash, Items, Mesh};
 use super::extremes::Case;
 use super::{call_with_context, inputs};
 
-/// The number of changes that are made to each value.
+/// The number of random changes that are tested for each value.
 const CHANGES: usize = 12;
 
-/// Checks the node of an example: with the example's values, with edge cases, with meshes that have normals, and with the other parameters
-/// in `others`. A node that does not update for unchanged inputs is taken for a node without updates.
+/// Checks the updates of a node: with the values of its example, with edge cases, with meshes that have normals, and with the other
+/// parameters in `others`. If a node does not update even for unchanged inputs, it is assumed to have no updates.
 pub(super) fn check(
     case: &Case<'_>,
     others: impl Iterator<Item = Graph>,
@@ -42,7 +42,7 @@ pub(super) fn check(
     }
 }
 
-/// Returns a mesh with normals that depend on its vertices. Returns any other value unchanged.
+/// Returns a mesh with normals computed from its shape. Returns any other value unchanged.
 fn with_normals(value: &AnyValue) -> AnyValue {
     let Some(mesh) = value.get::<Mesh>() else { return value.clone() };
     let normals = mesh.vertex_normals().into_iter().map(Into::into).collect();
@@ -50,8 +50,8 @@ fn with_normals(value: &AnyValue) -> AnyValue {
     mesh.map_or_else(|_| value.clone(), AnyValue::new)
 }
 
-/// Checks the updates of a node after changes of its inputs: of the inputs `good`, and of each input replaced by the values that `others`
-/// returns. Returns the number of updates, or `None` if the node does not update even for unchanged inputs.
+/// Checks the updates of a node after changes of its inputs. The inputs are `good`, and variants in which `others` replaces one input.
+/// Returns the number of updates, or `None` if the node does not update even for unchanged inputs.
 fn check_updates(
     node: &GraphNode,
     good: &[AnyValue],
@@ -93,14 +93,14 @@ fn check_updates(
 /// The result of a node (its outputs or its error), and its warnings.
 type NodeOutcome = (Result<Vec<AnyValue>, String>, Vec<String>);
 
-/// Evaluates a node on its inputs. Returns `None` if it panics, because another law checks for panics.
+/// Evaluates a node. Returns `None` if it panics, because another law checks for panics.
 fn evaluate(node: &GraphNode, inputs: &[AnyValue]) -> Option<NodeOutcome> {
     let (made, warnings) =
         call_with_context(inputs, Progress::silent(), |cx| node.node.eval(cx)).ok()?;
     Some((made.map_err(|error| error.to_string()), warnings))
 }
 
-/// Updates the previous result of a node, if the node can do that. An error is the message of a panic.
+/// Updates the previous result of a node. Returns `None` if the node cannot do that. The error is the message of a panic.
 fn update(
     node: &GraphNode,
     inputs: &[AnyValue],
@@ -113,7 +113,7 @@ fn update(
     Ok(made.map(|made| (made, warnings)))
 }
 
-/// Updates the previous result of a node and checks that the new result is right. Returns true if the node can update.
+/// Updates the previous result of a node, and checks that the new result is right. Returns true if the node could update.
 fn update_agrees(
     node: &GraphNode,
     now: &[AnyValue],
@@ -138,8 +138,8 @@ fn update_agrees(
     }
 }
 
-/// Returns a copy of the value in which some consecutive numbers of one part are changed. Returns `None` if the value type cannot create a
-/// value from the changed parts.
+/// Returns a copy of the value in which some consecutive numbers are changed at random. Returns `None` if the value type rejects the
+/// changed numbers.
 pub(super) fn change_numbers(value: &AnyValue, dice: &mut Random) -> Option<AnyValue> {
     let mut parts = value.parts();
     let count = parts.columns.len();
@@ -156,7 +156,7 @@ pub(super) fn change_numbers(value: &AnyValue, dice: &mut Random) -> Option<AnyV
         Items::F32(numbers) => {
             numbers.to_mut()[row].iter_mut().for_each(|x| *x += (x.abs() + 1.0) * 0.01);
         }
-        // Whole numbers may be indices, which must refer to existing elements. So they are replaced by numbers of other elements.
+        // Whole numbers may be indices that must refer to existing elements. So replace them by numbers of other elements.
         Items::U32(numbers) => {
             row.for_each(|place| numbers.to_mut()[place] = numbers[dice.next_below(len)]);
         }

@@ -1,4 +1,5 @@
-//! The laws of value types: an equal value can be created from the parts of a value; and damaged parts cause an error, never a panic.
+//! The laws of value types. From the parts of a value (its columns and facts) an equal value can be created. Damaged parts cause an error,
+//! never a panic.
 
 use std::borrow::Cow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -7,7 +8,7 @@ use maquette_value::{
     AnyValue, FactValue, Hash, Items, Meaning, Part, Parts, PartsError, ValueType, ranges,
 };
 
-/// The maximum number of values of each type whose parts are damaged. More values would only repeat the reports.
+/// The maximum number of values of each type that are tested with damaged parts. More values would only repeat the reports.
 const MAX_DAMAGED: usize = 6;
 
 /// Checks a value type with its edge cases.
@@ -24,7 +25,7 @@ pub(super) fn check(kind: &ValueType, broken: &mut Vec<String>) {
     }
 }
 
-/// Checks one value. Returns true if the value can be created from its parts.
+/// Checks one value. Returns true if it can be created again from its parts.
 fn check_value(value: &AnyValue, broken: &mut Vec<String>) -> bool {
     fn law(law: &str, value: &AnyValue) -> String {
         format!("{}: {law}, with {value:?}", value.kind().name)
@@ -56,7 +57,7 @@ fn check_value(value: &AnyValue, broken: &mut Vec<String>) -> bool {
     false
 }
 
-/// The result of creating a value from parts with `from_parts`.
+/// The result of creating a value from its parts.
 enum RebuildResult {
     Value(Hash),
     Nothing(PartsError),
@@ -71,19 +72,19 @@ fn rebuild(value: &AnyValue, parts: &Parts<'_>) -> RebuildResult {
     }
 }
 
-/// Returns the result of a function, or `None` if the function panics.
+/// Returns the result of `make`, or `None` if it panics.
 fn unless_panic<T>(make: impl FnOnce() -> T) -> Option<T> {
     catch_unwind(AssertUnwindSafe(make)).ok()
 }
 
-/// The result that is required for damaged parts.
+/// The result that `from_parts` must have for damaged parts.
 #[derive(Clone, Copy, PartialEq)]
 enum RequiredResult {
-    /// `from_parts` may return any value or an error, but must not panic.
+    /// Any value or an error is allowed, but no panic.
     Return,
-    /// `from_parts` must return an error, or a value that differs from the original.
+    /// It must return an error, or a value that differs from the original.
     Differ,
-    /// `from_parts` must return an error.
+    /// It must return an error.
     Fail,
 }
 
@@ -168,13 +169,13 @@ fn check_damage(value: &AnyValue, broken: &mut Vec<String>) {
     }
 }
 
-/// Returns true if a part may contain only whole numbers of 32 bits.
+/// Returns true if all numbers of a part are whole numbers of at most 32 bits.
 fn is_whole(part: &Part<'_>) -> bool {
     let is_small = !matches!(part.items, Items::F64(_) | Items::F32(_));
     is_small && matches!(part.meaning, Meaning::Level | Meaning::Index | Meaning::Exact)
 }
 
-/// Returns a copy of a part that contains no numbers.
+/// Returns a copy of a part without its numbers.
 fn empty_part(part: &Part<'_>) -> Part<'static> {
     Part {
         name: Cow::Borrowed(""),
@@ -219,7 +220,7 @@ mod tests {
         let mesh = mesh.with_vertex("uv", Attribute::Pair(vec![[0.25, 0.5]; 5].into())).unwrap();
         let mesh = mesh.with_vertex("color", Attribute::Color(vec![[9, 8, 7]; 5].into())).unwrap();
         let mesh = mesh.with_vertex("filled", Attribute::Flag(vec![1; 5].into())).unwrap();
-        // The attributes have the names of other parts of a mesh.
+        // Give the attributes the names of other parts of a mesh.
         let mesh = mesh.with_vertex("sides", Attribute::Index(vec![7; 5].into())).unwrap();
         let mesh =
             mesh.with_vertex("position", Attribute::Vector(vec![[0.5; 3]; 5].into())).unwrap();
@@ -320,7 +321,7 @@ mod tests {
         }
     }
 
-    /// Returns the error of creating a mesh from parts with a wrong number.
+    /// Returns the error that occurs if a mesh is created with this wrong number in the part `name`.
     fn error(name: &str, number: f64) -> String {
         let value = AnyValue::new(mesh());
         let mut parts = value.parts();

@@ -1,7 +1,8 @@
-//! Compares a value with a golden. The value is equal, reordered, within the tolerance, or different; a difference is located.
+//! Compares a value with a golden. The value is equal, reordered, within the tolerance, or different. For a different value, the position
+//! of the largest difference is found.
 //!
-//! Every entry is compared. The stored numbers are rounded, so each measured difference has an error far below the tolerance. A value that
-//! would fail with exact numbers never passes because of rounding, and a difference that is smaller than the error does not count.
+//! Every stored entry is compared. The stored numbers are rounded, so each measured difference has an error, which is far below the
+//! tolerance. Rounding never lets a value pass that would fail with exact numbers. A difference below the error does not count.
 
 use maquette_value::{AnyValue, Image, Mesh};
 
@@ -18,12 +19,12 @@ use crate::compare::{
 use crate::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
 use crate::sketch::Sketch;
 
-/// The message for a value that has changed and whose golden was written in the format of an earlier version of the program.
+/// The message about a changed value whose golden was written by an earlier version of the program, in its format.
 const OF_EARLIER_FORM: &str = "the value has changed, and its golden has an earlier format, which cannot tell by how much: \
      bless it (--bless) with the old graph, or check the result and bless that";
 
 impl Golden {
-    /// Compares a value with the golden. `files` describes the files to which the value was written.
+    /// Compares a value with the golden. `outputs` describes the files to which the value was written.
     pub(crate) fn compare(
         &self,
         value: &AnyValue,
@@ -85,7 +86,8 @@ impl Golden {
         let (found, mut measures) = self.measure(value, &parts, &same, tolerance);
         reasons.extend(found);
         if !reasons.is_empty() && !tolerance.remeshed {
-            // The differences of faces already show that the mesh is different, so a surface within the tolerance needs no message.
+            // The differences of faces already show that the mesh is different. So clear messages about surfaces that are within the
+            // tolerance.
             for measure in measures.iter_mut().filter(|m| m.name.starts_with("surface,")) {
                 if measure.max - measure.error <= measure.allowed {
                     measure.failure.clear();
@@ -93,8 +95,7 @@ impl Golden {
             }
         }
         if self.stride() > 1 {
-            // Some columns are compared by their sketches, the sums over all of their numbers. The ranges of these columns need not be
-            // compared.
+            // Skip the ranges of columns without a tolerance of their own, which are compared by sums over all of their numbers (sketches).
             reasons.extend(self.changed_numbers(now.iter().filter(|line| {
                 let column = line
                     .text
@@ -109,7 +110,7 @@ impl Golden {
         Comparison::new(reasons, measures)
     }
 
-    /// Returns the differences between the value and the golden: reasons for the verdict "different", and measures.
+    /// Returns the differences between the value and the golden: reasons for the verdict `Different`, and the measures.
     fn measure(
         &self,
         value: &AnyValue,
@@ -211,7 +212,7 @@ impl Golden {
             (Some(fine), Some(last)) => (fine, last.step, last.error),
             _ => (&old.part, old.precision.step, old.precision.error),
         };
-        // Flags and colors have no rounding error: they are whole numbers, which are stored exactly.
+        // Flags and colors are whole numbers, which are stored without rounding.
         let rounding = if error > 0.0 {
             Rounding { max_number_error: step / 2.0, error }
         } else {
@@ -240,8 +241,8 @@ impl Golden {
         measure
     }
 
-    /// Compares a column by its sketch: the sums over all of its numbers. This is used if only some of the numbers were stored, and the
-    /// tolerance allows no difference of the column except in the last digits.
+    /// Compares a column by sums over all of its numbers (its sketch). This is used if only some of the numbers were stored and the test
+    /// file sets no tolerance for the column.
     fn judge_by_sums(&self, part: &GoldenColumn, measure: &mut Measure) {
         let Some(sketch) = self.sketch(part) else { return };
         let distance = sketch.distance(&Sketch::compute(&part.numbers));
@@ -266,7 +267,7 @@ impl Golden {
         self.line(&format!("{SKETCH}{}", part.name)).and_then(Sketch::read)
     }
 
-    /// Describes counts and kinds that have changed.
+    /// Describes the counts and kinds that have changed.
     fn changed_facts(&self, now: &[Line], tolerance: &Tolerance) -> Vec<String> {
         const SEPARATE_LABELS: [&str; 6] =
             ["hash", "hash without order", FORM, "kept", KEPT_FOR, REASON_LABEL];
@@ -292,7 +293,7 @@ impl Golden {
         }
         let old = self.lines.iter().filter(|(label, text)| {
             let is_number = now.iter().any(|line| line.label == *label && line.tolerance.is_some());
-            // A missing column is reported as missing, so the lines with the ranges of its numbers are ignored.
+            // Ignore the lines about the range of a column. If the column is missing, that is reported elsewhere.
             let may_differ = tolerance.remeshed && is_about_faces(label);
             !is_judged_separately(label) && !is_number && !may_differ && !text.contains(" .. ")
         });
@@ -305,7 +306,7 @@ impl Golden {
         different_facts(&old.cloned().collect::<Vec<_>>(), &new)
     }
 
-    /// Describes the statistics in the summary that have changed.
+    /// Describes the numbers in the summary that have changed.
     fn changed_numbers<'a>(&self, now: impl Iterator<Item = &'a Line>) -> Vec<String> {
         fn numbers(text: &str) -> Vec<f64> {
             let words = text.split([' ', ',']).filter(|word| !word.is_empty());
@@ -315,7 +316,7 @@ impl Golden {
         for Line { label, text, tolerance: slack } in now {
             let (Some(slack), Some(before)) = (slack, self.line(label)) else { continue };
             let (old, new) = (numbers(before), numbers(text));
-            // The summary contains six digits of each number, so the last digit may differ.
+            // The summary rounds numbers to six digits, so the last digit may differ.
             if old.len() != new.len()
                 || !old.iter().zip(&new).all(|(a, b): (&f64, &f64)| {
                     (a - b).abs() <= slack + 1e-5 * a.abs().max(b.abs())
@@ -328,10 +329,10 @@ impl Golden {
     }
 }
 
-/// The reason for a changed value: the hash of the value has changed, but everything that is compared is equal.
+/// The reason for the verdict `Different` if the hash of the value has changed, but everything that is compared is equal.
 const NOTHING_COMPARED: &str = "its hash has changed, but nothing that is compared";
 
-/// Returns true if the tolerance explicitly allows some difference of a column.
+/// Returns true if the tolerance sets a limit for a column that allows some difference.
 fn is_lax(part: &GoldenColumn, tolerance: &Tolerance) -> bool {
     let by_share = matches!(part.class, Class::Level | Class::Exact);
     explicit_limit(part, tolerance).is_some_and(|limit| limit > 0.0)
@@ -340,8 +341,9 @@ fn is_lax(part: &GoldenColumn, tolerance: &Tolerance) -> bool {
 }
 
 impl StoredColumn {
-    /// Restores the old numbers with their last digits: of all numbers with the stored last digits, the old number is the nearest to the
-    /// new one. Returns `None` if no last digits were stored, or if a number has moved too far.
+    /// Restores the old numbers of a column with their last digits. Of all numbers with the stored last digits, the old number is assumed
+    /// to be the one nearest to the new number. Returns `None` if no last digits were stored, or if a number has moved so far that this is
+    /// wrong.
     fn with_last_digits(&self, new: &GoldenColumn) -> Option<GoldenColumn> {
         let last = self.precision.last?;
         let many = 1i64 << last.bits;
@@ -370,7 +372,7 @@ impl StoredColumn {
     }
 }
 
-/// Converts a picture that was stored as a golden to the parts of a value. `like` contains the parts of any value of the same type.
+/// Converts a picture that a golden stores to the parts of a value. `like` contains the parts of any value of the same type.
 fn picture_parts(picture: &Image, like: &GoldenParts) -> GoldenParts {
     GoldenParts {
         facts: Vec::new(),
@@ -404,7 +406,7 @@ mod tests {
     use crate::compare::Keep;
     use crate::store::{files, read};
 
-    /// Returns the golden that is stored for a value.
+    /// Stores a value as a golden, and returns the golden.
     fn golden_of(value: &AnyValue) -> Golden {
         golden_with(value, &Tolerance::default())
     }
@@ -421,14 +423,14 @@ mod tests {
         golden_of(old).compare(new, &[], &Tolerance::default())
     }
 
-    /// Creates a mesh of a rough sheet. It is so large that only a part of it is stored in its golden.
+    /// Creates a mesh of a rough sheet that has so many vertices that a golden with `keep: Sampled(..)` stores only some of them.
     fn rough() -> Mesh {
         let quads = (0..119).flat_map(|row| (0..119).map(move |column| row * 120 + column));
         let faces = quads.flat_map(|a| [[a, a + 1, a + 120], [a + 1, a + 121, a + 120]]);
         Mesh::new(
             (0..14_400)
                 .map(|k: u32| {
-                    // The numbers are pseudo-random: the output function of MurmurHash3 (Appleby, 2011).
+                    // Pseudorandom numbers: the finalizer of MurmurHash3 (Appleby, 2011).
                     let mixed = (k ^ k >> 16).wrapping_mul(0x85eb_ca6b);
                     let mixed = (mixed ^ mixed >> 13).wrapping_mul(0xc2b2_ae35);
                     let rough = f64::from((mixed ^ mixed >> 16) >> 20) / 4096.0;
@@ -446,7 +448,7 @@ mod tests {
         AnyValue::new(mesh.with_positions(positions).unwrap())
     }
 
-    /// Returns a tolerance with which only a part of a value is stored.
+    /// Returns a tolerance for which a golden stores only every ninth entry.
     fn sampled_tolerance() -> Tolerance {
         Tolerance { keep: Keep::Sampled { every: 9 }, ..Tolerance::default() }
     }
@@ -463,7 +465,7 @@ mod tests {
             "{comparison:?}"
         );
         assert!((comparison.compared_fraction() - 1.0 / 9.0).abs() < 1e-3, "{comparison:?}");
-        // A difference in the last digit of a number is allowed.
+        // A difference in the last digits of a number is allowed.
         let last = golden.compare(&move_vertex(&mesh, 7, 1e-12), &[], &sampled_tolerance());
         assert_eq!(last.verdict, Verdict::Within, "{last:?}");
     }
@@ -515,7 +517,7 @@ mod tests {
             Tolerance { remeshed: true, max: Some(max), ..Tolerance::default() }
         }
         let golden = golden_with(&AnyValue::new(mesh.clone()), &lax(0.5));
-        // Adds a vertex in the middle of a face, and moves it by a distance along the normal.
+        // Adds a vertex in the middle of a face, moved by `by` along the normal of the face.
         fn split_face(by: f64, mesh: &Mesh) -> AnyValue {
             let mut positions = mesh.positions().to_vec();
             let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
@@ -602,7 +604,7 @@ mod tests {
         assert_eq!(golden_of(&AnyValue::new(surface)).mesh().unwrap(), mesh);
     }
 
-    /// A value type whose columns have the names of columns of a mesh.
+    /// A value type whose columns have the same names as columns of a mesh.
     #[derive(Clone)]
     struct Bends(Column<f64>);
 

@@ -1,5 +1,5 @@
-//! Tests of the limits of a comparison. One entry is moved by slightly less than each limit, which must pass, and by slightly more, which
-//! must fail.
+//! Tests the limits of comparisons. One entry is moved by slightly less than a limit, which must pass, and by slightly more, which must
+//! fail.
 
 use maquette_value::rng::{STEP, even, mix};
 use maquette_value::{
@@ -11,7 +11,7 @@ use nalgebra::{Point3, Vector3};
 use super::{Golden, files, read};
 use crate::compare::{Tolerance, Verdict};
 
-/// Returns a pseudo-random number from 0 to 1.
+/// Returns a pseudorandom number from 0 to 1.
 fn chance(seed: usize) -> f64 {
     even(mix((seed as u64).wrapping_mul(STEP)))
 }
@@ -24,7 +24,7 @@ fn golden_of(value: &AnyValue, tolerance: &Tolerance) -> Golden {
     read(folder.path(), "x").unwrap()
 }
 
-/// The distances by which entries are moved, as fractions of the limit, each with the expected verdict.
+/// The distances by which an entry is moved, as fractions of the limit. Each has the expected verdict.
 const MOVES: [(f64, Verdict); 5] = [
     (0.9, Verdict::Within),
     (0.96, Verdict::Within),
@@ -33,14 +33,14 @@ const MOVES: [(f64, Verdict); 5] = [
     (1e7, Verdict::Different),
 ];
 
-/// Returns the number of elements that are tested, including the first and the last: the value of the environment variable `PLACES`, or 9
-/// if it is not set.
+/// Returns the number of elements that are tested, including the first and the last. This is the value of the environment variable
+/// `PLACES`, or 9 by default.
 fn tested_positions(count: usize) -> usize {
     let said = std::env::var("PLACES").ok().and_then(|text| text.parse().ok());
     said.unwrap_or(9).clamp(2, count.max(2))
 }
 
-/// Moves elements of `old` by distances just below and just above a limit, and checks the verdicts.
+/// Moves elements of the value `old` by just less and just more than a limit, and checks the verdicts.
 fn check(
     what: &str,
     old: AnyValue,
@@ -54,7 +54,8 @@ fn check(
     for k in 0..tried {
         let place = k * (count - 1) / (tried - 1);
         for (fraction, verdict) in MOVES {
-            // With the default tolerance, the verdict is certain only for differences that are a tenth away from the limit.
+            // With the default tolerance, the verdict is certain only if the difference is at least a tenth of the limit away from the
+            // limit.
             if fraction == 0.96 && *tolerance == Tolerance::default() {
                 continue;
             }
@@ -71,7 +72,7 @@ fn check(
     }
 }
 
-/// Returns the default limit for numbers if the diagonal of their range is `diagonal`.
+/// Returns the default limit for numbers whose range has this diagonal.
 fn default_bound(diagonal: f64) -> f64 {
     1e-9 * diagonal
 }
@@ -132,7 +133,7 @@ fn positions_of_a_mesh_are_compared_at_each_limit() {
             AnyValue::new(mesh.with_positions(shift_point(mesh.positions(), place, by)).unwrap())
         });
     }
-    // One vertex moves so far that the root mean square over all vertices reaches the limit.
+    // Move one vertex so far that the root mean square over all vertices reaches the limit.
     let rms = Tolerance { rms: Some(0.004), ..Tolerance::default() };
     check("rms", AnyValue::new(mesh.clone()), &rms, (n, 0.004), |place, by| {
         let by = by * (n as f64).sqrt();
@@ -228,7 +229,7 @@ fn attributes_and_normals_are_compared_at_their_limits() {
                 let mut normals = normals.clone();
                 let normal = Vector3::from(normals[place]);
                 let beside = normal.cross(&Vector3::new(0.3, -0.8, 0.1)).normalize();
-                // The angle between two normals is at most 180 degrees.
+                // An angle between two normals is at most 180 degrees, so limit the move.
                 let angle = by.min(170.0).to_radians();
                 normals[place] = (normal * libm::cos(angle) + beside * libm::sin(angle)).into();
                 mesh_with_normals(normals, &plain)
@@ -240,7 +241,7 @@ fn attributes_and_normals_are_compared_at_their_limits() {
 #[test]
 fn grids_and_lists_of_positions_are_compared_at_their_limits() {
     let points = sheet_points(90, 60);
-    // Some cells have no measured point, which is NaN.
+    // Remove the points of some cells: a cell without a measured point contains NaN.
     let holed: Vec<_> = (0..points.len())
         .map(|k| if k % 7 == 3 { Point3::new(f64::NAN, f64::NAN, f64::NAN) } else { points[k] })
         .collect();
@@ -276,7 +277,7 @@ fn grids_and_lists_of_positions_are_compared_at_their_limits() {
             let tolerance = if bound == 0.05 { tolerance_of(bound) } else { Tolerance::default() };
             let old = make(places.to_vec());
             check(what, old, &tolerance, (places.len(), bound), |place, by| {
-                // A cell without a point cannot be moved, so its neighbor is moved instead.
+                // Move the neighbor if the cell has no point.
                 let place = if places[place].x.is_nan() { place - 1 } else { place };
                 make(shift_point(places, place, by))
             });
@@ -313,7 +314,7 @@ fn pixels_are_compared_by_level_and_fraction() {
         picture(colors, width, height)
     });
     let some = Tolerance { differing: 0.05, ..Tolerance::default() };
-    // Changes a fraction of the pixels, from the pixel `from` on. At the end of the picture, continues at the beginning.
+    // Changes a fraction of the pixels, starting at the pixel `from`. After the last pixel it continues with the first.
     let changed = |from: usize, fraction: f64| {
         let many = (fraction.min(1.0) * n as f64).round() as usize;
         (0..many).map(move |k| (from + k) % n)
@@ -349,7 +350,7 @@ fn pixels_are_compared_by_level_and_fraction() {
         (n - 1000, 0.05),
         |from, fraction| {
             let mut label = label.clone();
-            // The first pixel of each label is not changed, because labels are numbered in the order of their first pixels.
+            // Do not change the first pixel of a label, because labels are numbered in the order of their first pixels.
             let (from, many) = (1000 + from, (fraction.min(1.0) * n as f64).round() as usize);
             let free =
                 (0..n).map(|k| (from + k) % n).filter(|pixel| pixel % 1000 >= 1 && *pixel >= 1000);

@@ -1,5 +1,5 @@
-//! Packs all numbers of a value into few bytes. The numbers are rounded far below the tolerance, predicted from their neighbors, and the
-//! residuals of the prediction are entropy-coded.
+//! Packs all numbers of a value into few bytes. The numbers are rounded far below the tolerance and predicted from their neighbors. The
+//! differences from the predictions (residuals) are compressed by an arithmetic coder.
 
 use std::borrow::Cow;
 use std::sync::OnceLock;
@@ -19,12 +19,12 @@ mod coder;
 mod faces;
 mod numbers;
 
-/// The names of the columns with the faces of a mesh, in the order in which they are decoded.
+/// The names of the columns with the faces of a mesh, in the order in which they must be decoded.
 const FACES: [&str; 2] = [SIDES, CORNERS];
 
 const MAGIC: &[u8; 8] = b"golden2\n";
 
-/// The first bytes of a golden in the earlier format.
+/// The first bytes of a file of numbers in the earlier format.
 pub(super) const EARLIER: &[u8] = b"golden1\n";
 
 /// A column of numbers as a golden stores it.
@@ -33,11 +33,11 @@ pub(crate) struct StoredColumn {
     /// The column with its rounded numbers.
     pub(crate) part: GoldenColumn,
     pub(super) precision: Precision,
-    /// For each element, true if it is stored to the last bit. Empty if every element is.
+    /// For each element, true if it is stored to the last bit, without rounding. Empty if all are.
     pub(super) odd: Vec<bool>,
     /// The last digits of all numbers; empty if they are not stored separately.
     pub(super) digits: Vec<u8>,
-    /// The hash of all numbers with their last digits.
+    /// A hash of all numbers with their last digits (the mark of the column).
     pub(super) mark: String,
 }
 
@@ -45,7 +45,7 @@ pub(crate) struct StoredColumn {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StoredNumbers {
     pub(crate) columns: Vec<StoredColumn>,
-    /// The number of elements per row, if the elements are pixels or control points.
+    /// The number of elements per row, if the elements form a grid of pixels or control points.
     pub(crate) row: Option<usize>,
 }
 
@@ -55,7 +55,7 @@ impl StoredNumbers {
         self.columns.iter().find(|column| column.part.name == name)
     }
 
-    /// Returns the points of a column of positions.
+    /// Returns the points in the column of positions with this name.
     pub(super) fn points(&self, name: &str) -> Option<Vec<Point3<f64>>> {
         let points = self.numbers(name)?.chunks_exact(3);
         Some(points.map(|p| Point3::new(p[0], p[1], p[2])).collect())
@@ -67,7 +67,7 @@ impl StoredNumbers {
     }
 }
 
-/// Rounds the numbers of a column to whole numbers of steps. Elements that are stored to the last bit are marked as odd.
+/// Rounds the numbers of a column to multiples of the step. Elements that are stored to the last bit are marked as odd.
 fn round_to_step(part: &GoldenColumn, precision: &Precision) -> WholeNumbers {
     let (step, finest) = (precision.step, precision.finest());
     let mut whole = WholeNumbers { width: part.width, ..WholeNumbers::default() };
@@ -83,12 +83,12 @@ fn round_to_step(part: &GoldenColumn, precision: &Precision) -> WholeNumbers {
     whole
 }
 
-/// Returns the hash (the mark) of numbers in units of the finest step.
+/// Returns the hash (mark) of numbers, which are given in units of the finest step.
 pub(super) fn mark(numbers: impl Iterator<Item = i64>) -> String {
     Hash::compute(&numbers.flat_map(i64::to_le_bytes).collect::<Vec<u8>>()).short().to_string()
 }
 
-/// The faces of a mesh. Columns of the mesh's vertices are predicted from neighbors in these faces.
+/// The faces of a mesh. A column of vertices is predicted from the neighbors in these faces.
 #[derive(Default)]
 struct Mesh {
     vertices: usize,
@@ -98,11 +98,10 @@ struct Mesh {
 }
 
 impl Mesh {
-    /// Returns the neighborhoods from which the elements of a column with `count` elements are predicted.
+    /// Returns the kind of neighbors from which the elements of a column are predicted. The column has `count` elements.
     fn layout(&self, name: &str, count: usize, stride: usize, row: Option<usize>) -> Layout<'_> {
         let of_vertices = !name.starts_with("corner ") && !name.starts_with("face ");
-        // A column with one entry per vertex is recognized by its length. If a column of other elements has the same length by chance, it
-        // only takes a few more bytes.
+        // Assume that a column belongs to vertices if it has as many entries. If it does not, it only takes a few more bytes.
         if of_vertices
             && stride == 1
             && count == self.vertices
@@ -127,9 +126,10 @@ fn sides_of(sides: Option<&[f64]>, width: usize, count: usize) -> Vec<usize> {
     }
 }
 
-/// Packs the numbers of all columns, or of every `stride`-th of their elements.
+/// Packs the numbers of all columns, or only those of every `stride`-th element.
 pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) -> Vec<u8> {
-    // Without all of its corners a mesh cannot be restored, so the faces are left out. Their count and unordered hash are in the summary.
+    // A mesh cannot be restored without all of its corners, so leave out the faces. Their count, and their hash without order, are in the
+    // summary.
     let mut columns: Vec<&GoldenColumn> =
         parts.columns.iter().filter(|part| stride == 1 || !part.is_faces).collect();
     columns.sort_by_key(|part| FACES.iter().position(|name| part.name == *name).unwrap_or(2));
@@ -151,7 +151,7 @@ pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) ->
             (part, layout, precision)
         })
         .collect();
-    // A column with separate last digits is packed both with and without them, and the shorter result is used.
+    // Pack a column that has separate last digits both with and without them, and use the shorter result.
     let ways: Vec<_> = columns
         .iter()
         .flat_map(|column| {
@@ -202,10 +202,10 @@ pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) ->
     bytes
 }
 
-/// The key in the header that marks a column which has the name of a column of faces but does not contain faces.
+/// The header key for a column that has the name of a column of faces but does not contain faces.
 const NO_FACES: &str = "no faces";
 
-/// Returns true if a column contains all corners of faces. Such a column is coded in its own way.
+/// Returns true if a column contains the corners of all faces. Such a column is coded by the module `faces`.
 fn is_faces(part: &GoldenColumn) -> bool {
     part.is_faces && part.name == CORNERS && part.stride == 1
 }
@@ -225,7 +225,7 @@ fn pack_column(part: &GoldenColumn, layout: &Layout<'_>, precision: &Precision) 
     writer.finish()
 }
 
-/// Codes the last digits of all elements that are not stored to the last bit.
+/// Codes the last digits of all elements except those that are stored to the last bit.
 fn code_digits(
     coder: &mut impl Coder,
     bits: u32,
@@ -240,7 +240,7 @@ fn code_digits(
         .collect()
 }
 
-/// Codes numbers to the last bit. They are coded byte by byte, and each byte is predicted from the frequent bytes at its position.
+/// Codes numbers to the last bit. They are coded byte by byte; frequent bytes at a position take less space.
 fn code_bits(coder: &mut impl Coder, count: usize, given: impl Fn(usize) -> u64) -> Vec<f64> {
     let mut bits = vec![[EVEN; 256]; 8];
     (0..count)
@@ -271,11 +271,11 @@ fn class_word(class: Class) -> &'static str {
     CLASSES.iter().find(|(known, _)| *known == class).map_or("", |(_, word)| word)
 }
 
-/// Returns the columns that [`pack`] has written, or `None` if the bytes are damaged.
+/// Restores the columns that [`pack`] has packed. Returns `None` if the bytes are damaged.
 pub(super) fn unpack(bytes: &[u8]) -> Option<StoredNumbers> {
-    /// The maximum size of a header, in bytes.
+    /// The maximum size of the header, in bytes.
     const MAX_HEAD_BYTES: usize = 1 << 24;
-    /// The maximum number of numbers in a column.
+    /// The maximum count of numbers in a column.
     const MAX_NUMBERS: usize = 1 << 28;
     let packed = bytes.strip_prefix(MAGIC)?;
     let (length, rest) = packed.split_first_chunk()?;

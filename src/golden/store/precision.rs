@@ -1,39 +1,40 @@
-//! The precision with which the numbers of a column are stored. It suffices to decide whether a new value is within the tolerance.
+//! The precision with which a golden stores the numbers of a column. It is high enough to decide if a new value is within the tolerance.
 //!
-//! A number is rounded to a step that is a small fraction of the tolerance, so the rounding does not affect the verdict. For a small
-//! tolerance such a number has many digits, which cannot be compressed. Then two things are stored instead: the number rounded to a coarse
-//! step, which shows where a difference is and about how large it is; and the last digits of the number rounded to the fine step. If a
-//! number has hardly changed, the old number follows from these: it is the number with the stored last digits that is nearest to the new
-//! number. A hash of all numbers of the column (its mark) confirms this. If any number has changed more, the hash is different.
+//! A number is rounded to a step that is a small fraction of the tolerance, so rounding does not affect the verdict. For a small tolerance
+//! the rounded number has many digits, which cannot be compressed. Then two parts of it are stored instead. The first is the number rounded
+//! to a coarse step; it shows where a difference is, and about how large it is. The second are the last digits of the number rounded to the
+//! fine step. If a number has hardly changed, the old one can be restored from them: it is the number with these last digits that is
+//! nearest to the new number. A hash of all numbers of the column (its mark) shows if that is right.
 
 use crate::compare::{Tolerance, allowed_difference, explicit_limit, size};
 use crate::parts::{Class, GoldenColumn};
 
-/// The maximum number of numbers in a column that is stored to the last bit.
+/// The maximum count of numbers for which a column is stored to the last bit.
 pub(super) const MAX_EXACT_NUMBERS: usize = 256;
 
 /// The coarsest step, as a fraction of the diagonal of all positions or of the range of all numbers. With this step a report can state
-/// positions and distances to three digits. With a step ten times coarser, small moves would be reported as none; with a step ten times
-/// finer, a number would take three bits more.
+/// positions and distances to three digits. A step ten times larger would hide small moves. A step ten times smaller would take three more
+/// bits for each number.
 const COARSEST_STEP: f64 = 1e-5;
 
 /// The coarsest step for normals, in degrees.
 const COARSEST_ANGLE_STEP: f64 = 0.01;
 
-/// The number of steps in a limit that a test file sets. With this number, the rounding error of an element of three numbers is a
+/// The number of steps in a limit that the test file sets. With this value, the rounding error of an element of three numbers is a
 /// seventieth of the limit.
 const STEPS_GIVEN: f64 = 64.0;
 
-/// The number of steps in a default tolerance. It is smaller, because the default only estimates the effect of harmless changes of code.
+/// The number of steps in a default tolerance. It may be smaller, because the default is only an estimate of the effect of harmless changes
+/// of code.
 const STEPS: f64 = 24.0;
 
-/// The number of bits in the last digits, for a limit in a test file and for a default tolerance. The digits must cover more than the
-/// tolerance in both directions.
+/// The number of bits in the last digits, if the test file sets the limit (`BITS_GIVEN`) or not (`BITS`). The digits must cover more than
+/// the tolerance in both directions.
 const BITS_GIVEN: u32 = 8;
 const BITS: u32 = 6;
 
-/// The maximum ratio of the longest to the shortest direction for which last digits are stored. For a larger ratio, equal angles of
-/// directions correspond to very unequal differences of their numbers.
+/// The maximum ratio of the longest to the shortest direction vector for which last digits are stored. With a larger ratio, equal angles
+/// would mean very different changes of the numbers.
 const MAX_LENGTH_RATIO: f64 = 1.02;
 
 /// The largest number that is stored as a whole number of steps. Larger ones are stored to the last bit.
@@ -42,12 +43,12 @@ const MAX_WHOLE_NUMBER: f64 = (1u64 << 52) as f64;
 /// The precision with which a column is stored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Precision {
-    /// The step to which numbers are rounded, or 0 if they are stored to the last bit.
+    /// The step to which numbers are rounded; 0 if they are stored to the last bit.
     pub(super) step: f64,
     /// The maximum rounding error of an element, in the unit of its differences.
     pub(super) error: f64,
     pub(super) last: Option<LastDigits>,
-    /// The length below which a direction is stored to the last bit. For such a short direction any step would be a large angle.
+    /// The length below which a direction vector is stored to the last bit. For such a short vector any step would be a large angle.
     pub(super) shortest: f64,
 }
 
@@ -60,7 +61,7 @@ pub(super) struct LastDigits {
 }
 
 impl LastDigits {
-    /// Returns the minimum distance by which some element has moved if the mark is different.
+    /// Returns a lower bound for how far some element has moved if the mark has changed.
     pub(super) fn reach(&self, width: usize) -> f64 {
         let step = 2.0 * self.error / (width as f64).sqrt();
         f64::from((1 << (self.bits - 1)) - 2) * step / MAX_LENGTH_RATIO
@@ -74,7 +75,7 @@ impl Precision {
         self.last.map_or(self.step, |last| last.step)
     }
 
-    /// Returns true if an element is not a multiple of the finest step. Such an element is stored to the last bit.
+    /// Returns true if an element is odd: too large, too short or not finite, so that it is stored to the last bit.
     pub(super) fn is_odd(&self, element: &[f64], finest: f64) -> bool {
         let most = MAX_WHOLE_NUMBER * finest;
         fn is_short(element: &[f64], shortest: f64) -> bool {
@@ -84,14 +85,15 @@ impl Precision {
         !element.iter().all(|x| x.abs() < most) || is_short(element, self.shortest)
     }
 
-    /// Returns a precision that stores each number in one part instead of two. That takes fewer bytes if the numbers are predicted well.
+    /// Returns a precision that stores each number in one part, without separate last digits. That takes fewer bytes if the predictions are
+    /// good.
     pub(super) fn in_one_part(&self) -> Option<Self> {
         let last = self.last?;
         Some(Self { step: last.step, error: last.error, last: None, ..*self })
     }
 }
 
-/// Returns the precision with which a column is stored for a tolerance.
+/// Returns the precision with which a column must be stored for a tolerance.
 pub(super) fn precision(part: &GoldenColumn, tolerance: &Tolerance) -> Precision {
     if matches!(part.class, Class::Exact | Class::Level) {
         return Precision { step: 1.0, ..Precision::EXACT };
@@ -101,7 +103,7 @@ pub(super) fn precision(part: &GoldenColumn, tolerance: &Tolerance) -> Precision
     }
     let is_normal = part.class == Class::Normal;
     let (shortest, longest) = if is_normal { lengths(part) } else { (0.0, 0.0) };
-    // For directions, the difference of numbers that corresponds to an angle of 1 degree.
+    // For directions: the change of the numbers for an angle of 1 degree.
     let scale = if is_normal { 1f64.to_radians() * shortest } else { 1.0 };
     let shown = if is_normal { COARSEST_ANGLE_STEP } else { COARSEST_STEP * size(part) };
     let by_mean = [tolerance.rms, tolerance.p99].into_iter().flatten();
@@ -112,7 +114,7 @@ pub(super) fn precision(part: &GoldenColumn, tolerance: &Tolerance) -> Precision
         None => (STEPS, BITS),
     };
     let fine = allowed_difference(part, tolerance) / steps;
-    /// Returns the maximum rounding error of an element of `width` numbers that are rounded to a step.
+    /// Returns the maximum rounding error of an element of `width` numbers that are each rounded to a multiple of `step`.
     fn rounding_error(step: f64, width: usize) -> f64 {
         step * (width as f64).sqrt() / 2.0
     }
@@ -138,7 +140,7 @@ pub(super) fn precision(part: &GoldenColumn, tolerance: &Tolerance) -> Precision
     }
 }
 
-/// Returns the lengths of the shortest and the longest direction. Directions of nearly zero length are ignored.
+/// Returns the lengths of the shortest and the longest direction vector. Vectors of nearly zero length are ignored.
 fn lengths(part: &GoldenColumn) -> (f64, f64) {
     let elements = part.numbers.chunks(part.width);
     let lengths = elements.map(|element| element.iter().map(|x| x * x).sum::<f64>().sqrt());

@@ -1,4 +1,4 @@
-//! The summary of a value, as lines that people read in a diff.
+//! The summary of a value: lines of text that people read in a diff.
 
 use maquette_engine::digits::six_digits;
 use maquette_value::{AnyValue, Mesh, Range};
@@ -9,23 +9,23 @@ use crate::compare::{Tolerance, allowed_difference, unordered_hash};
 use crate::parts::{Class, GoldenParts};
 use crate::sketch::Sketch;
 
-/// A line of a summary: a label and a text, and the tolerance of the numbers in the text.
+/// A line of a summary: a label and a text.
 pub(super) struct Line {
     pub(super) label: String,
     pub(super) text: String,
-    /// The tolerance of the numbers in the text, or `None` if the text must be equal.
+    /// The tolerance of the numbers in the text. If it is `None`, the text must be equal.
     pub(super) tolerance: Option<f64>,
 }
 
-/// The beginning of the label of the line with a column's sketch.
+/// The start of the label of the line that contains a column's sketch.
 pub(super) const SKETCH: &str = "sketch of ";
 
-/// Creates a line whose text must be equal.
+/// Creates a line whose text must be equal in the golden and the new value.
 pub(super) fn exact(label: &str, text: impl ToString) -> Line {
     Line { label: label.to_owned(), text: text.to_string(), tolerance: None }
 }
 
-/// Returns the facts about a value and about the files to which it is written. They are not sorted.
+/// Returns the lines of facts about a value and about the files to which it was written. The lines are not sorted.
 pub(super) fn summary(
     value: &AnyValue,
     parts: Option<&GoldenParts>,
@@ -58,8 +58,8 @@ pub(super) fn summary(
         fn number(label: &str, x: f64, slack: f64, lines: &mut Vec<Line>) {
             lines.push(Line { label: label.into(), text: six_digits(x), tolerance: Some(slack) });
         }
-        // If a surface moves by the tolerance, its area changes by about the tolerance times the length of its edges, and its volume by the
-        // tolerance times its area.
+        // If a surface moves by the tolerance, its volume changes by the tolerance times its area. Its area changes by about the tolerance
+        // times the length of its edges.
         number("area", extent.area, slack * (extent.area + slack).sqrt() * 100.0, &mut lines);
         number("volume", extent.volume, slack * extent.area, &mut lines);
         if topology.faces > 0 {

@@ -33,7 +33,7 @@ impl FileKind {
         }
     }
 
-    /// Returns the errors and warnings of a file with this text. If the file is a valid test file, also returns the test.
+    /// Returns the errors and warnings of a file with this text. For a valid test file, also returns the test.
     pub fn diagnostics(
         self,
         path: &Path,
@@ -79,7 +79,7 @@ impl FileKind {
     }
 }
 
-/// Returns the errors of the graphs of a test, loaded with the settings of each case. Also returns an error for each part of the test that
+/// Returns the errors of a test's graphs, each loaded with the settings of each case. Also returns an error for each part of the test that
 /// does not fit its graph.
 fn check_test(test: &TestFile, catalog: &Catalog, own: &Options) -> Vec<Diagnostic> {
     let mut diagnostics = Vec::new();
@@ -88,7 +88,7 @@ fn check_test(test: &TestFile, catalog: &Catalog, own: &Options) -> Vec<Diagnost
     {
         let load = |set: &[(String, String)]| {
             let set = own.set.iter().chain(set).cloned().collect();
-            // Tests ignore pins, so that the nodes themselves are tested.
+            // Ignore pins, so that the nodes themselves are tested.
             Graph::load(graph, catalog, &Options { set, pins: false, ..own.clone() })
         };
         let checked = test.load_case(case, load);
@@ -97,7 +97,7 @@ fn check_test(test: &TestFile, catalog: &Catalog, own: &Options) -> Vec<Diagnost
             continue;
         };
         diagnostics.extend(test.wrong_inputs(case, &graph));
-        // If the graph has inputs, its outputs become files as soon as the inputs have values.
+        // A graph with inputs writes its outputs as files only after the inputs have values, so bind them.
         let fed = match graph.inputs().is_empty() {
             true => Ok(graph),
             false => graph.with_inputs(&InputValues::default(), catalog),
@@ -107,7 +107,7 @@ fn check_test(test: &TestFile, catalog: &Catalog, own: &Options) -> Vec<Diagnost
     diagnostics
 }
 
-/// Creates an error about a file as a whole. If the error has a position, the position is a part of the message.
+/// Creates an error about a whole file. A position, if the error has one, becomes a part of the message.
 pub fn file_diagnostic(
     code: &'static str,
     path: &Path,

@@ -1,4 +1,4 @@
-//! The HTML report of tests: one page that needs no other files, with old values, new values and differences.
+//! The HTML report of tests: a single page, without other files, that shows old values, new values and differences.
 
 use std::fmt::Write as _;
 
@@ -57,7 +57,7 @@ pub fn page(report: &Report) -> String {
     text + "</main></body></html>\n"
 }
 
-/// If there are many failed cases, adds a table of contents with the first failure of each.
+/// Adds a table of contents with the first failure of each case, if many cases have failed.
 fn push_contents(text: &mut String, failed: &[&Case]) {
     const MAX_WITHOUT_CONTENTS: usize = 3;
     if failed.len() <= MAX_WITHOUT_CONTENTS {
@@ -144,7 +144,7 @@ fn push_output(text: &mut String, output: &OutputComparison) {
                 if x.is_finite() { six_digits(x) } else { "∞".into() }
             }
             let numbers = match m.is_by_fraction {
-                // Differences of flags have no size, so only the fraction of different elements is shown.
+                // Elements that are only equal or different have no size of difference, so show the fraction of different elements.
                 true => format!("<td colspan=\"3\">{} % differ", six_digits(100.0 * m.differing)),
                 false => [m.max, m.rms, m.p99].map(|x| format!("<td>{}", number(x))).concat(),
             };

@@ -1,4 +1,4 @@
-//! Runs one case of one graph: evaluates it and compares its outputs.
+//! Runs one case of one graph: evaluates the graph and compares its outputs with the goldens.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -21,18 +21,17 @@ use crate::parts::GoldenParts;
 use crate::store;
 use crate::store::{Golden, GoldenError, WrittenFile};
 
-/// The minimum ratio of a tolerance to the largest accepted difference for which the tolerance is noted as too large.
+/// The ratio of a tolerance to the largest difference ever accepted above which the user is told that the tolerance is too large.
 const MAX_EXCESS: f64 = 10.0;
 
-/// Returns the name of a measure and the part of its difference that rounding cannot have caused. Returns `None` if rounding alone may be
-/// the cause.
+/// Returns the name of a measure and the part of its difference that cannot come from rounding. Returns `None` if all of it can.
 fn certain_difference(measure: &Measure) -> Option<(String, f64)> {
     let least = measure.max - measure.error;
     (0.0 < least && least < f64::INFINITY).then(|| (measure.name.clone(), least))
 }
 
-/// Returns the name of the golden for an output of a node: `node`, or `node.output` if the node has several outputs. The name of a node
-/// inside a used graph contains slashes. They become dots, because all goldens of a case are in one folder.
+/// Returns the name of the golden for an output of a node: `node`, or `node.output` if the node has several outputs. Slashes, which the
+/// names of nodes inside of used graphs contain, become dots: all goldens of a case are in one folder.
 fn expected_name(node: &GraphNode, output: usize) -> String {
     let name = match node.outputs.len() {
         1 => node.name.clone(),
@@ -41,7 +40,7 @@ fn expected_name(node: &GraphNode, output: usize) -> String {
     name.replace('/', ".")
 }
 
-/// Describes the goldens that would now be stored differently although their values are equal.
+/// Describes the goldens that should be stored again although their values are equal.
 fn outdated_notes(outputs: &[OutputComparison]) -> Vec<String> {
     let same = outputs.iter().filter(|output| output.comparison.verdict == Verdict::Identical);
     let notes = same.filter_map(|output| {
@@ -53,7 +52,7 @@ fn outdated_notes(outputs: &[OutputComparison]) -> Vec<String> {
     notes.collect()
 }
 
-/// A case of a graph that is to be run.
+/// A case of a graph that is to be run, with its test file.
 #[derive(Clone)]
 pub(super) struct Job<'a> {
     pub(super) test: &'a TestFile,
@@ -148,7 +147,7 @@ impl Job<'_> {
         let session = &*session;
         case.outputs = session.install(|| self.outputs(&graph, &finished, session, &mut case));
         case.violations.extend(finished.check_expectations(&Vec::from_iter(&expectations)));
-        // Goldens are orphans only if every output has a value, because the golden of an output without a value is still needed.
+        // Look for orphans only if every output has a value, because the golden of an output without a value is still needed.
         let compared: usize = case.outputs.iter().map(|output| output.files.len()).sum();
         if compared == graph.outputs().len() {
             case.orphans = self.orphans(&case.outputs);
@@ -174,7 +173,7 @@ impl Job<'_> {
         case
     }
 
-    /// Returns the graph with the values from files as its inputs.
+    /// Returns the graph with the values of the case's input files as its inputs.
     fn bind_inputs(
         &self,
         graph: Graph,
@@ -237,8 +236,8 @@ impl Job<'_> {
         compared
     }
 
-    /// Returns the name of the golden for some outputs of a node: the node's name, or its former name if the node was renamed since the
-    /// golden was accepted.
+    /// Returns the name of the golden for some outputs of a node. If the node was renamed since the golden was accepted, this is its former
+    /// name.
     fn golden_name(&self, name: String, outputs: &[String], named: &[String]) -> String {
         if !matches!(store::read(&self.folder, &name), Err(GoldenError::Missing)) {
             return name;
@@ -252,8 +251,8 @@ impl Job<'_> {
         before.unwrap_or(name)
     }
 
-    /// Returns descriptions of the files to which a value is written. The descriptions are cached on disk for this build of the program,
-    /// because one build writes equal values to equal files. So a value that is equal to an earlier one is not encoded again.
+    /// Returns descriptions of the files to which a value is written. They are cached on disk for this build of the program, because one
+    /// build writes equal values to equal files. So a value is encoded only if no equal value was encoded before.
     fn write_outputs(
         &self,
         outputs: &[&GraphOutput],
@@ -347,7 +346,7 @@ impl Job<'_> {
         goldens.into_values().flatten().collect()
     }
 
-    /// Returns a note for each tolerance that is much larger than all differences: those of this run, and those that were ever accepted.
+    /// Returns a note for each tolerance that is much larger than the differences of this run and all differences ever accepted.
     fn wide_tolerances(&self, outputs: &[OutputComparison]) -> Vec<String> {
         let mut notes = Vec::new();
         for output in outputs {

@@ -64,7 +64,7 @@ pub fn document(report: &Report) -> String {
     text + "</testsuite></testsuites>\n"
 }
 
-/// Describes a comparison by its verdict, the largest difference, and the fraction of entries that was compared.
+/// Describes a comparison by its verdict, its largest difference, and the fraction of entries that was compared.
 fn in_words(comparison: &Comparison) -> String {
     let verdict = comparison.verdict.word().to_owned();
     let worst = comparison.worst().map(|worst| worst.in_words());
@@ -73,7 +73,7 @@ fn in_words(comparison: &Comparison) -> String {
     [Some(verdict), worst, Some(seen)].into_iter().flatten().collect::<Vec<_>>().join("; ")
 }
 
-/// Escapes text for XML and HTML. Characters that XML does not allow are removed.
+/// Escapes a text for XML and HTML. Removes characters that XML does not allow.
 pub(super) fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {

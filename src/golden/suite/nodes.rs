@@ -1,14 +1,14 @@
-//! The nodes of a graph as text. Goldens store this text, so that a report can explain why a result has changed.
+//! Describes the nodes of a graph as text. Goldens store this text, so that a report can explain why a result has changed.
 
 use maquette_engine::eval::RunTrace;
 use maquette_graph::{Graph, parameter_difference, parameter_name, short_text};
 use maquette_syntax::{FILE, with_article};
 use serde_json::Value as Json;
 
-/// The beginning of each line with a warning.
+/// The start of each line that contains a warning.
 const WARNING: &str = "warning  ";
 
-/// Describes new and missing warnings of nodes. If only the node was renamed, its warning is neither new nor missing.
+/// Describes warnings of nodes that are new or missing. A warning whose node was only renamed does not count.
 pub(super) fn changed_warnings(before: &str, now: &str) -> Vec<String> {
     fn warning_lines(text: &str) -> Vec<&str> {
         text.lines().filter_map(|line| line.strip_prefix(WARNING)).collect()
@@ -24,7 +24,8 @@ pub(super) fn changed_warnings(before: &str, now: &str) -> Vec<String> {
     gone.chain(added.into_iter().map(|line| format!("new warning {line}"))).collect()
 }
 
-/// Returns true if two warnings are equal, their nodes have the same type, the first node no longer exists, and the second node is new.
+/// Returns true if the node of a warning was only renamed: the warnings are equal, the nodes have the same type, and only the first node
+/// existed before and only the second exists now.
 fn is_renamed((before, was): (&str, &str), (now, is): (&str, &str)) -> bool {
     fn split_warning(line: &str) -> Option<(&str, &str)> {
         line.strip_prefix('`')?.split_once("`: ")
@@ -48,7 +49,7 @@ fn nodes(text: &str) -> impl Iterator<Item = &str> {
     text.lines().filter(|line| !line.starts_with(WARNING))
 }
 
-/// Describes the nodes whose lines differ, such as "node `raised`: parameter `distance` 12 -> 15".
+/// Describes the nodes whose lines differ, for example "node `raised`: parameter `distance` 12 -> 15".
 pub(super) fn changed_lines(before: &str, now: &str) -> Vec<String> {
     let (mut old, new) =
         (nodes(before).map(split).collect::<Vec<_>>(), nodes(now).map(split).collect::<Vec<_>>());
@@ -77,7 +78,7 @@ pub(super) fn changed_lines(before: &str, now: &str) -> Vec<String> {
     changes
 }
 
-/// A line about a node, parsed. The name of the node is not included.
+/// The parsed line about a node, without the name of the node.
 struct Line<'a> {
     kind: &'a str,
     parameters: Json,
@@ -96,8 +97,8 @@ impl<'a> Line<'a> {
         Some(Self { kind, parameters, links, files: files.split_whitespace().collect() })
     }
 
-    /// Describes the difference between this line and a later one, in the form that `maquette why` uses. Returns `None` if no difference is
-    /// visible.
+    /// Describes the difference between the line of a node before and now, in the words of `maquette why`. Returns `None` if there is no
+    /// visible difference.
     fn difference(mut self, now: Self) -> Option<String> {
         const MAX_PARAMETERS: usize = 3;
         let mut changes = Vec::new();
@@ -145,7 +146,8 @@ fn short(text: &str) -> String {
     }
 }
 
-/// Returns all needed nodes as text: one line for each node with its type, parameters and links, sorted; then one line for each warning.
+/// Returns all needed nodes as text. First comes one line for each node with its type, parameters and links, sorted; then one line for each
+/// warning.
 pub(super) fn nodes_of(graph: &Graph, needed: &RunTrace) -> String {
     let mut lines = Vec::new();
     for node in
@@ -176,7 +178,8 @@ pub(super) fn nodes_of(graph: &Graph, needed: &RunTrace) -> String {
     lines.join("\n") + "\n"
 }
 
-/// Removes the paths of files from parameters, because the paths depend on the location of the graph. The files are listed separately.
+/// Removes the paths of files from parameters, because they depend on the location of the graph. The line of the node lists its files
+/// separately.
 fn without_machine(parameters: &mut Json) {
     match parameters {
         Json::Object(entries) => {

@@ -1,5 +1,5 @@
-//! Finds orphans: goldens that no test uses any more. The summary of a golden lists the files of the golden; other files in the folders of
-//! goldens are left alone. Links are not followed.
+//! Finds orphans: goldens that no test uses. The files of a golden are listed in its summary. Other files in the folders of goldens are
+//! ignored, and links are not followed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -12,7 +12,7 @@ use crate::case;
 use crate::case::TestFile;
 use crate::store::file_label;
 
-/// Returns the goldens in a folder by name, each with the paths of its files.
+/// Returns the goldens in a folder, by name. Each has the paths of its files.
 pub(super) fn goldens(folder: &Path) -> BTreeMap<String, Vec<PathBuf>> {
     let mut goldens = BTreeMap::new();
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -30,7 +30,7 @@ pub(super) fn goldens(folder: &Path) -> BTreeMap<String, Vec<PathBuf>> {
     goldens
 }
 
-/// Returns the suffixes of a golden's files, as its summary lists them. Returns `None` if the text is not a summary.
+/// Returns the suffixes of a golden's files, as its summary lists them. Returns `None` if the text is not the summary of a golden.
 fn suffixes(summary: &str) -> Option<Vec<&'static str>> {
     let lines = summary.lines().filter_map(|line| line.split_once("  "));
     let facts: BTreeMap<&str, &str> = lines.map(|(name, fact)| (name, fact.trim())).collect();
@@ -41,7 +41,7 @@ fn suffixes(summary: &str) -> Option<Vec<&'static str>> {
     if !named.is_empty() {
         return Some([&[".txt"], &named[..]].concat());
     }
-    // A golden of the earlier format does not list its files; it only states how much of the value it stores.
+    // A golden in the earlier format does not list its files. It only states how much of the value it stores.
     Some(match facts.get("kept").copied() {
         Some(kept) if kept.ends_with("pixel") => vec![".txt", ".png"],
         Some("every 1. element") => vec![".txt", ".bin"],
@@ -50,8 +50,8 @@ fn suffixes(summary: &str) -> Option<Vec<&'static str>> {
     })
 }
 
-/// Returns the goldens that no test next to their folder uses. If a test cannot be read, it is unknown which goldens it uses, so none of
-/// that folder is returned.
+/// Returns the goldens in the folders next to the given tests that no test uses. If a test next to a folder cannot be read, its goldens are
+/// unknown, so nothing in that folder is returned.
 pub(super) fn unclaimed_goldens(tests: &[TestFile]) -> Vec<PathBuf> {
     let folders: BTreeSet<&Path> = tests.iter().map(test_folder).collect();
     let mut orphans = Vec::new();
@@ -72,8 +72,8 @@ pub(super) fn unclaimed_goldens(tests: &[TestFile]) -> Vec<PathBuf> {
     orphans
 }
 
-/// Returns the goldens folders of all tests in a folder, including tests that are not run now. Returns `None` if one of the tests cannot be
-/// read.
+/// Returns the folders of goldens that belong to the tests in a folder, including tests that are not run now. Returns `None` if one of the
+/// tests cannot be read.
 fn claimed_folders(folder: &Path) -> Option<BTreeSet<PathBuf>> {
     let mut claimed = BTreeSet::new();
     for file in fs::read_dir(if folder == Path::new("") { Path::new(".") } else { folder }).ok()? {
@@ -85,7 +85,7 @@ fn claimed_folders(folder: &Path) -> Option<BTreeSet<PathBuf>> {
     Some(claimed)
 }
 
-/// Calls `found` for a folder and all folders inside it.
+/// Calls `found` for a folder and all of its subfolders.
 fn walk(folder: &Path, found: &mut impl FnMut(&Path)) {
     if !fs::symlink_metadata(folder).is_ok_and(|metadata| metadata.is_dir()) {
         return;

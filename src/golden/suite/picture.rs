@@ -1,4 +1,4 @@
-//! Pictures for the report: the old values, the new values and their differences.
+//! Draws pictures for the HTML report: of old values, new values and their differences.
 
 use maquette_engine::digits::six_digits;
 use maquette_engine::distances::distances;
@@ -11,13 +11,13 @@ use super::OutputComparison;
 use crate::parts::{Class, GoldenColumn, GoldenParts};
 use crate::store::{Golden, picture_of, sample_picture};
 
-/// A picture with its caption. If there are two pictures, the page shows them alternately.
+/// One or two pictures with a caption. The page shows two pictures alternately at the same place.
 pub(crate) struct Figure {
     pub(crate) caption: String,
     pub(crate) pictures: Vec<Vec<u8>>,
 }
 
-/// The cameras for pictures of meshes, each with yaw and pitch in degrees and a description.
+/// The cameras for pictures of meshes: yaw and pitch in degrees, and a description.
 const CAMERAS: [(f64, f64, &str); 3] = [
     (0.0, 0.0, "from the front"),
     (50.0, 20.0, "from the right"),
@@ -54,7 +54,7 @@ pub(crate) fn figures(output: &OutputComparison) -> Vec<Figure> {
     figures.into_iter().flatten().collect()
 }
 
-/// Returns the golden and the new value as pictures. Both contain only the elements that the golden stores.
+/// Returns the golden and the new value as pictures. Both contain only the elements that are stored in the golden.
 fn old_and_new_picture(
     value: &AnyValue,
     golden: Option<&Golden>,
@@ -81,7 +81,7 @@ fn old_and_new_picture(
 }
 
 fn mesh_figures(new: &Mesh, golden: Option<&Golden>) -> Vec<Figure> {
-    // The old mesh gets the frame of the new one, so both are shown from the same side.
+    // Give the old mesh the capture frame of the new one, so that both are seen from the same side.
     let old = golden.and_then(Golden::mesh).map(|old| old.with_frame(new.frame().copied()));
     let distances_to_old = match (&old, golden) {
         (Some(old), _) => Some(distances(new, old)),
@@ -116,7 +116,7 @@ fn mesh_figures(new: &Mesh, golden: Option<&Golden>) -> Vec<Figure> {
     figures.into_iter().flatten().collect()
 }
 
-/// Returns pictures of a mesh or surface in which the vertices near the positions `places` are red.
+/// Returns pictures of a mesh or surface in which vertices near the positions `places` are red.
 pub(crate) fn violation_figures(value: &AnyValue, places: &[Point3<f64>]) -> Option<Vec<Figure>> {
     let mesh = value.as_mesh()?;
     let (low, high) = mesh.bounds()?;
@@ -158,14 +158,14 @@ fn heat(x: f64) -> Rgb {
     [0, 1, 2].map(|k| (RAMP[before][k] * (1.0 - t) + RAMP[before + 1][k] * t).round() as u8)
 }
 
-/// Returns a picture of the differences between two pictures, which is black where they are equal. Also returns the fraction of different
-/// pixels.
+/// Returns a picture that shows the differences of two pictures and is black where they are equal. Also returns the fraction of pixels that
+/// differ.
 fn difference(old: &Image, new: &Image) -> (Image, f64) {
     let mut count = 0;
     let pixels = old.pixels().iter().zip(new.pixels()).map(|(a, b)| {
         let largest = (0..3).map(|k| a[k].abs_diff(b[k])).max().unwrap_or(0);
         count += usize::from(largest > 0);
-        // The color begins at 0.3 of the scale, so that even the smallest difference is visible.
+        // Begin at 0.3 of the color scale, so that even the smallest difference is visible.
         if largest == 0 { [0; 3] } else { heat(0.3 + 0.7 * f64::from(largest) / 255.0) }
     });
     let pixels: Vec<Rgb> = pixels.collect();
@@ -173,20 +173,20 @@ fn difference(old: &Image, new: &Image) -> (Image, f64) {
     (Image::new(old.width(), old.height(), pixels).expect("one pixel per position"), fraction)
 }
 
-/// Reduces a picture to the size of a picture that was stored in part.
+/// Reduces a picture to the given size of a stored picture, which contains only every n-th pixel.
 fn shrink(picture: &Image, size: [usize; 2]) -> Image {
     let stride = picture.width().div_ceil(size[0].max(1)).max(1);
     if stride == 1 { picture.clone() } else { sample_picture(picture, stride) }
 }
 
-/// Returns the first column whose elements fill a grid.
+/// Returns the first column with one element for each cell of the value's grid, if the value has a grid.
 fn grid_part(parts: &GoldenParts) -> Option<&GoldenColumn> {
     let row = parts.row.filter(|row| *row > 1)?;
     parts.columns.iter().find(|part| part.count.is_multiple_of(row) && part.count >= 2 * row)
 }
 
-/// Returns a column as a picture. Positions and numbers are gray, scaled to the range of the column `scale`; labels have colors. An element
-/// that was not stored gets the color of the last stored element before it.
+/// Returns a column as a picture. Positions and numbers become shades of gray, scaled to the range of the column `scale`; labels become
+/// colors. An element that was not stored gets the color of the last stored element before it.
 fn column_picture(part: &GoldenColumn, row: Option<usize>, scale: &GoldenColumn) -> Option<Image> {
     let row = row?;
     let component = if part.class == Class::Position { part.width - 1 } else { 0 };

@@ -1,8 +1,8 @@
-//! Shards: parts of all test cases, each for one of several machines.
+//! Shards: parts of all test cases, each of which runs on a different machine.
 
 use std::str::FromStr;
 
-/// The part with the number `index` of `count` parts; both are counted from 1. Each name in a list belongs to exactly one part.
+/// The part number `index` of `count` parts, both counted from 1. Each case belongs to exactly one part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     index: usize,
@@ -10,8 +10,8 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// For each name, returns true if the name belongs to this part. The sorted names are dealt to the parts one by one, so the parts are
-    /// equally large.
+    /// Returns for each name if it belongs to this part. The names are sorted and assigned to the parts in turn, so that the parts have
+    /// nearly equal sizes.
     pub(super) fn contains(self, names: &[String]) -> Vec<bool> {
         let mut sorted = Vec::from_iter(0..names.len());
         sorted.sort_by_key(|&place| &names[place]);

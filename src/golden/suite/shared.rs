@@ -1,5 +1,5 @@
-//! Finds cases of different test files that use one folder of goldens. Accepting the results of one such case would overwrite the goldens
-//! of the other.
+//! Finds cases in different test files that use the same folder of goldens. Accepting the results of one such case would overwrite the
+//! goldens of another.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -10,10 +10,10 @@ use super::{Job, jobs_of, test_folder};
 use crate::case;
 use crate::case::TestFile;
 
-/// Returns an error for each case whose folder of goldens is also used by a case of another test file, whether that file was given or not.
-/// Also returns the test files that contain such cases.
+/// Returns an error for each case that shares its folder of goldens with a case in another test file. That other file need not be among the
+/// given ones. Also returns the test files with such cases.
 pub fn shared_golden_folders(tests: &[TestFile]) -> (Vec<Diagnostic>, BTreeSet<PathBuf>) {
-    // Test files that were not given are handled first. So each error is reported in a file that was given.
+    // Handle the test files that were not given first, so that each error is reported in a file that was given.
     let others = other_tests(tests);
     let mut first: BTreeMap<PathBuf, Job<'_>> = BTreeMap::new();
     let (mut diagnostics, mut files) = (Vec::new(), BTreeSet::new());
@@ -43,7 +43,7 @@ fn shared_folder_error(job: &Job<'_>, files: &[PathBuf; 2]) -> Diagnostic {
     Diagnostic { help, ..job.test.diagnostic(code::BAD_NAME, case.span, message) }
 }
 
-/// Returns the readable test files that are in the folders of the given ones but were not given.
+/// Returns the valid test files in the folders of the given ones that were not given themselves.
 fn other_tests(tests: &[TestFile]) -> Vec<TestFile> {
     let folders = BTreeSet::from_iter(tests.iter().map(test_folder));
     let paths = folders

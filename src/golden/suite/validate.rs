@@ -1,4 +1,4 @@
-//! Finds parts of a test that do not fit its graph. No node is run.
+//! Finds parts of a test file that do not fit the tested graph. No node is run.
 
 use maquette_graph::{CheckedGraph, Expectation, Graph};
 use maquette_syntax::error::{Diagnostic, Severity, Span, code};
@@ -12,7 +12,7 @@ impl TestFile {
         Diagnostic::new(Severity::Error, code, (self.source.clone(), span), message)
     }
 
-    /// Returns the span of the name `name` in the map `field` of a case.
+    /// Returns the span of the name `name` in the map `field` of the case with the index `case`.
     fn span_of(&self, case: usize, field: &str, name: &str) -> Span {
         let (case, known) = &self.cases[case];
         let (tree, _) = parse(&self.source.text);
@@ -29,8 +29,8 @@ impl TestFile {
         span.unwrap_or(known.span)
     }
 
-    /// Loads the graph of a case with the values that the case sets. An error in such a value is reported at the position of the value in
-    /// the test file.
+    /// Loads the graph of a case with the values that the case sets. Errors in these values are reported at their position in the test
+    /// file.
     pub(crate) fn load_case(
         &self,
         case: usize,
@@ -60,7 +60,7 @@ impl TestFile {
         checked
     }
 
-    /// Loads the graph of a case. Of the values that the case sets, only the valid ones are used, so that further errors can be found.
+    /// Loads the graph of a case with only the valid ones of the values that the case sets, so that further errors can be found.
     pub(super) fn load_valid_settings(
         &self,
         case: usize,
@@ -74,7 +74,7 @@ impl TestFile {
         load(&set).graph
     }
 
-    /// Returns an error for each input of a case that the graph does not have.
+    /// Returns an error for each input that a case sets but the graph does not have.
     pub(crate) fn wrong_inputs(&self, case: usize, graph: &Graph) -> Vec<Diagnostic> {
         let known: Vec<_> = graph.inputs().iter().map(|input| &input.name[..]).collect();
         let given = self.cases[case].1.inputs.iter();
@@ -90,12 +90,12 @@ impl TestFile {
         wrong.collect()
     }
 
-    /// Returns an error for each tolerance of an output that the graph does not have or that has another type, and for each expectation
-    /// that the graph cannot meet. The inputs of the graph must have values.
+    /// Returns an error for each tolerance whose output does not exist or has another type. Also returns an error for each expectation that
+    /// cannot hold for the graph. The inputs of the graph must have values.
     pub(crate) fn validate(&self, graph: &Graph) -> Vec<Diagnostic> {
         let faults = self.expect.iter().filter_map(|(expectation, item)| {
             let unknown = self.unknown_value(expectation, item, graph);
-            // If a test has several graphs, an expectation is skipped for graphs that do not have its value.
+            // If a test has several graphs, skip an expectation for the graphs that do not have its value.
             unknown.map_or_else(
                 || self.invalid_expectation(expectation, item, graph),
                 |unknown| (self.graphs.len() == 1).then_some(unknown),
@@ -104,7 +104,7 @@ impl TestFile {
         self.invalid_tolerances(graph).into_iter().chain(faults).collect()
     }
 
-    /// Returns the expectations that apply to the graph, each with its span.
+    /// Returns the expectations that apply to the graph, each with its position in the test file.
     pub(super) fn valid_expectations(
         &self,
         graph: &Graph,
@@ -118,7 +118,7 @@ impl TestFile {
             .map(|(expectation, item)| (expectation, item.span))
     }
 
-    /// Returns an error if an expectation cannot hold.
+    /// Returns an error if an expectation can never hold, for example because of the type of its value.
     fn invalid_expectation(
         &self,
         expectation: &Expectation,
@@ -146,7 +146,7 @@ impl TestFile {
         fn is_there(name: &&str, graph: &Graph) -> bool {
             let node = name.split('.').next().unwrap_or_default();
             match graph.open_loop(node) {
-                // The element of a `ForEach` over data may exist when the graph is run.
+                // A loop over data gets its elements only when the graph is run, so the value may exist then.
                 Some(each) => each.name != node || graph.output_names().any(|it| it == *name),
                 None => graph.find_value(name).is_some(),
             }

@@ -1,4 +1,4 @@
-//! Axes of a sweep: values and files that differ between tasks, combined pairwise or as a product.
+//! Axes of a sweep: lists of values or files that differ between tasks. Axes are combined pairwise or as a product.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -60,34 +60,34 @@ pub(super) enum Axis {
     },
 }
 
-/// The values of one task, or the part of them that comes from one axis.
+/// The values of one task, or those of them that come from one axis.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row {
-    /// The values as text for display, one for each name.
+    /// The values as text for display, in the order of the names.
     pub values: Vec<String>,
     pub set: Vec<Set>,
-    /// The files that are the values of inputs, as with `--input`.
+    /// The files that are given to the graph's inputs, by the name of the input.
     pub inputs: Vec<(String, PathBuf)>,
 }
 
-/// A value that a task sets, as with `--set`.
+/// A value that a task sets in the graph, like the option `--set`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Set {
     pub target: String,
     pub text: String,
-    /// The span of the value in the sweep.
+    /// The position of the value in the sweep file.
     pub(crate) span: Span,
-    /// The span of the target in the sweep.
+    /// The position of the target (the name of the parameter or field) in the sweep file.
     pub(crate) target_span: Span,
 }
 
 impl Row {
-    /// Returns true if the row sets a value for this target (a parameter or field).
+    /// Returns true if the row sets the parameter or field `target`.
     pub(super) fn sets(&self, target: &str) -> bool {
         self.set.iter().any(|set| set.target == target)
     }
 
-    /// Returns a row with the values of both rows.
+    /// Returns a row that contains the values of both rows.
     fn join(&self, other: &Self) -> Self {
         Self {
             values: [&self.values[..], &other.values].concat(),
@@ -97,36 +97,36 @@ impl Row {
     }
 }
 
-/// The rows of an axis.
+/// The rows that an axis describes.
 #[derive(Default)]
 pub(super) struct Rows {
-    /// The names of the values, with their spans.
+    /// The names of the values in each row, with their positions in the sweep file.
     pub(super) names: Vec<(String, Span)>,
     pub(super) rows: Vec<Row>,
 }
 
-/// The maximum number of tasks.
+/// The maximum number of tasks of a sweep.
 const MAX_TASKS: usize = 1_000_000;
 
 /// Reads the axes of a sweep.
 pub(super) struct Reader<'a> {
     pub(super) text: &'a str,
-    /// The folder of the sweep.
+    /// The folder of the sweep file.
     pub(super) folder: &'a Path,
-    /// The folder of the graph. Paths in values are relative to it.
+    /// The folder of the graph. Paths in values are relative to this folder.
     pub(super) graph_folder: &'a Path,
-    /// The folders in which files may be.
+    /// The folders in which files are allowed.
     pub(super) roots: &'a [PathBuf],
-    /// A function that returns the files which the graph reads, each with the field that contains its path.
+    /// Returns the files that the graph reads, each with the field that contains its path.
     pub(super) reads: &'a dyn Fn() -> Vec<(String, PathBuf)>,
     pub(super) diagnostics: Vec<LocalDiagnostic>,
     pub(super) warnings: Vec<LocalDiagnostic>,
 }
 
-/// Returns a lower bound for the number of tasks that an axis describes. It is computed without creating the tasks.
+/// Returns a lower bound for the number of tasks that an axis describes, without creating them.
 fn count(axis: &Tree) -> usize {
     let name = axis.name().map_or_else(String::new, |name| name.text);
-    /// Returns the items of the list that is the argument number `index` of an axis. Returns an empty slice if this argument is not a list.
+    /// Returns the items of the list that is the argument number `index` of an axis. Returns no items if the argument is not a list.
     fn list(axis: &Tree, index: usize) -> &[Tree] {
         match &axis.kind {
             Kind::Call { body: Body::Items(items), .. } => {
@@ -167,7 +167,7 @@ impl Reader<'_> {
         self.diagnostics.push(LocalDiagnostic { code, span, message, help, note: None });
     }
 
-    /// Returns the rows of an axis. The axis must match its schema.
+    /// Returns the rows of an axis, which must be valid according to its schema.
     pub(super) fn rows(&mut self, axis: &Axis, tree: &Tree) -> Rows {
         let items: &[Tree] = match &tree.kind {
             Kind::Call { body: Body::Items(items), .. } => items,
@@ -179,7 +179,8 @@ impl Reader<'_> {
         };
         match axis {
             Axis::Product(axes) => {
-                // The number of tasks is checked before any row is created. Files count as one task, because their number is not known yet.
+                // Check the number of tasks before creating any rows. A pattern of files counts as one task, because the number of files is
+                // not known yet.
                 if MAX_TASKS < count(tree) {
                     return self.too_many(tree.span);
                 }
@@ -291,7 +292,7 @@ impl Reader<'_> {
         let [target, first, ..] = items else { return Rows::default() };
         let last = f64::from(count - 1);
         let rows = (0..count).map(|index| {
-            // The value is exact at both ends. It is also exact wherever both ends and the value are whole numbers.
+            // Values are exact at both ends. If both ends are whole numbers, values that are whole numbers are exact, too.
             let step = f64::from(index);
             let value = if index == count - 1 { to } else { from + (to - from) * step / last };
             let text = value.to_string();

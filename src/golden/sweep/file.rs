@@ -1,4 +1,4 @@
-//! `Sweep(..)`: reads and checks the file of a batch.
+//! `Sweep(..)`: reads and checks the file that describes a batch of tasks.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -79,7 +79,7 @@ impl Default for Picture {
     }
 }
 
-/// The tasks of a sweep, which evaluate one graph with different values.
+/// The tasks of a sweep file. They all evaluate one graph, with different values.
 #[derive(Debug)]
 pub struct Sweep {
     pub source: Arc<Source>,
@@ -99,16 +99,16 @@ pub struct Task {
     pub row: Row,
 }
 
-/// The sweep, or `None` if its file has errors; and all errors and warnings.
+/// The sweep (`None` if its file has errors), and all errors and warnings.
 pub(crate) type ReadResult = (Option<Sweep>, Vec<Diagnostic>);
 
-/// Parses the text of a sweep file. No node is run, but each value is set in the graph to check that it is valid.
+/// Parses the text of a sweep file. Each value is also set in the graph to check that it is valid. No node is run.
 pub fn read_text(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> ReadResult {
     read(path, text, catalog, options, true)
 }
 
-/// Parses the text of a sweep file without checking its values in the graph. This is used to run a single task, whose record contains the
-/// errors of its values.
+/// Parses the text of a sweep file without checking its values in the graph. For running a single task, whose record reports errors in its
+/// values.
 pub fn read_without_trying(
     path: &Path,
     text: &str,
@@ -157,7 +157,7 @@ fn read(
     (sweep.filter(|_| !has_error), diagnostics)
 }
 
-/// Adds the names of fields that may be omitted, as in `Files("scans/*")` or `picture: "model.glb"`.
+/// Inserts field names that may be omitted in the file, as in `Files("scans/*")` or `picture: "model.glb"`.
 fn name_fields(tree: &mut Tree) {
     let Kind::Call { body: Body::Fields(fields), .. } = &mut tree.kind else { return };
     for field in fields {
@@ -183,7 +183,7 @@ fn name_axis_fields(tree: &mut Tree) {
     }
 }
 
-/// Converts a text that is written without a field name to a call with the field `field`.
+/// If `tree` is a text, converts it to a call that has the text as the value of the field `field`.
 fn name_field(tree: &mut Tree, field: &str) {
     fn fields(value: Tree, field: &str) -> Body {
         let span = Span { start: value.span.start, end: value.span.start };
@@ -210,9 +210,9 @@ struct Checker<'a> {
     source: Arc<Source>,
     catalog: &'a Catalog,
     options: &'a Options,
-    /// True if each value is set in the graph to check that it is valid. Otherwise only the file itself is checked.
+    /// True if each value is set in the graph to check that it is valid. Otherwise only the sweep file is checked.
     tries: bool,
-    /// True if the file has no syntax errors.
+    /// True if the sweep file has no syntax errors.
     is_whole: bool,
     diagnostics: Vec<Diagnostic>,
 }
@@ -292,12 +292,12 @@ impl Checker<'_> {
         Some(sweep)
     }
 
-    /// Returns the rows of an axis: the values of each task that differ between tasks.
+    /// Returns the rows of the file's axis: for each task, the values that differ between tasks.
     fn rows(&mut self, file: &File, tree: &Tree, folder: &Path, graph: &Path) -> Option<Rows> {
         let (over, graph_folder) = (field(tree, "over")?, folder_of_new(graph));
         let roots = self.options.roots.iter().filter_map(|root| std::fs::canonicalize(root).ok());
         let roots = Vec::from_iter([project_root(&graph_folder)].into_iter().chain(roots));
-        // Missing files are not reported, because each task may replace them by other files.
+        // Ignore missing files, because each task may replace them by others.
         let options = Options { files: Files::Ignored, ..self.options.clone() };
         let here = folder_of_new(&folder.join("sweep"));
         let mut reader = Reader {
@@ -335,9 +335,9 @@ impl Checker<'_> {
         is_right.then_some(rows)
     }
 
-    /// Warns of values in `set` that have no effect, because each task gives the parameter or field another value.
+    /// Warns of values in `set` that have no effect because every task sets another value.
     fn warn_of_unused(&mut self, all: &[Set], rows: &Rows) {
-        /// If all rows set a parameter or field, returns the span of its name in `over`.
+        /// If all rows set the parameter or field `target`, returns the position of its name in `over`.
         fn overriding_span(target: &str, rows: &[Row]) -> Option<Span> {
             let first = rows.first()?.set.iter().find(|set| set.target == target)?;
             rows.iter().all(|row| row.sets(target)).then_some(first.target_span)
@@ -365,7 +365,7 @@ impl Checker<'_> {
         self.diagnostics.push(Diagnostic { severity: Severity::Warning, ..diagnostic });
     }
 
-    /// Creates a task from each row and gives the task its name.
+    /// Creates a task from each row, and names the tasks.
     fn name_tasks(
         &mut self,
         file: &File,
@@ -404,7 +404,7 @@ impl Checker<'_> {
                     .into_iter()
                     .zip(rows.rows)
                     .map(|(name, mut row): (String, Row)| {
-                        // A task's own value of a parameter or field takes precedence over the value in `set`.
+                        // The values of a row take precedence over those in `set`, which all tasks share.
                         let mut set: Vec<_> = all
                             .iter()
                             .filter(|set| row.set.iter().all(|own| own.target != set.target))
@@ -449,7 +449,7 @@ impl Checker<'_> {
     }
 
     fn report_template(&mut self, wrong: &TemplateError, out: &Tree, names: &[String]) {
-        // The position of the error in the file. It is exact unless the text contains escape sequences.
+        // The position of the error in the file. It may be off if the text contains escape sequences.
         let start = out.span.start + 1 + wrong.at;
         let text = &self.source.text[out.span.start..out.span.end];
         let is_plain = !text.contains('\\') && text.starts_with('"');
@@ -462,7 +462,7 @@ impl Checker<'_> {
         self.report(code::BAD_NAME, span, wrong.message.clone(), help);
     }
 
-    /// Sets each value in the graph, together with the other values of the first task, and checks the graph. Each error is reported at the
+    /// Sets each value in the graph, together with the other values of the first task, and checks the graph. An error is reported at the
     /// value that causes it.
     fn try_values(&mut self, sweep: &Sweep) {
         let Some(Task { row: first, .. }) = sweep.tasks.first() else { return };
@@ -506,7 +506,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Reports an error of the graph at the value that the error is about, or else at the value that caused it.
+    /// Reports an error of the graph at the value that the error is about. If there is none, reports it at the value that caused the error.
     fn report_graph_diagnostic(&mut self, diagnostic: &Diagnostic, set: &[Set], new: Option<Span>) {
         fn words(set: &Set) -> String {
             format!("--set {}={}", set.target, set.text)
@@ -520,7 +520,7 @@ impl Checker<'_> {
             new,
         ) {
             (Some(set), _) => {
-                // An unknown name is reported only once, although every value of the axis causes the error.
+                // Report an unknown name only once, although every value of the axis causes the error.
                 let is_unknown =
                     [code::UNKNOWN_LINK, code::UNKNOWN_FIELD].contains(&diagnostic.code);
                 let span = if is_unknown { set.target_span } else { set.span };
@@ -539,7 +539,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Reports the names in the sweep that do not exist in the graph: names of inputs, and of the output that is shown.
+    /// Reports names in the sweep that the graph does not have: those of inputs, and that of the output in the picture.
     fn report_unknown_names(&mut self, sweep: &Sweep, graph: Option<&Graph>) {
         let Some(graph) = graph else { return };
         let known: Vec<_> = graph.inputs().iter().map(|input| &input.name[..]).collect();
@@ -565,7 +565,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Returns the span of a given text in the file.
+    /// Returns the position of the quoted text `text` in the file.
     fn text_at(&self, text: &str) -> Span {
         let quoted = quote(text);
         let start = self.source.text.find(&quoted);
@@ -577,14 +577,14 @@ impl Checker<'_> {
     }
 }
 
-/// Returns the options for loading a graph, with the values that a task sets.
+/// Returns options for loading a graph that also set the values of a task.
 pub fn options_with(set: &[Set], options: &Options) -> Options {
     let own = set.iter().map(|set| (set.target.clone(), set.text.clone()));
     let set = options.set.iter().cloned().chain(own).collect();
     Options { set, ..options.clone() }
 }
 
-/// Returns the files that the graph's own nodes read, each with the field that contains its path.
+/// Returns the files that the graph's own nodes read, each with the field that contains its path. Nodes of used graphs are not included.
 fn files_read(checked: &CheckedGraph) -> Vec<(String, PathBuf)> {
     let graph = checked.graph.as_ref().or(checked.partial.as_ref());
     let own =
@@ -609,8 +609,8 @@ pub(crate) fn values_in_words(names: &[String], values: &[String]) -> String {
     Vec::from_iter(each).join(", ")
 }
 
-/// Returns a help text for two tasks with equal names. It suggests to add the values that differ between tasks and are missing in the
-/// template.
+/// Returns a help text for two tasks with equal names. It suggests to add those values to the template that differ between tasks and are
+/// missing in it.
 fn distinguishing_help(
     rows: &Rows,
     by: &Template,
@@ -651,7 +651,7 @@ pub fn schema() -> serde_json::Value {
     schemars::schema_for!(File).into()
 }
 
-/// Returns the vocabulary of sweep files.
+/// Returns the keywords of sweep files, with their documentation.
 pub fn words() -> Vec<Word> {
     fn field_words(within: &str, schema: schemars::Schema) -> Vec<Word> {
         words_of_fields("sweep", within, &schema.into())

@@ -1,4 +1,4 @@
-//! Files that differ between tasks, and the files of the graph that they replace.
+//! The axis `Files(..)`: files that differ between tasks, and the files of the graph that they replace.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use maquette_syntax::{LocalDiagnostic, Tree, quote};
 use super::axis::{Reader, Row, Rows, Set};
 use super::pattern::{MatchedPath, matches};
 
-/// The fields of a `Files(..)` axis.
+/// The fields of an axis `Files(..)`.
 pub(super) struct FilesAxis<'a> {
     pub(super) pattern: &'a str,
     pub(super) set: &'a str,
@@ -21,7 +21,7 @@ pub(super) struct FilesAxis<'a> {
 }
 
 impl FilesAxis<'_> {
-    /// Returns the span of the field `wanted`.
+    /// Returns the position of the field `wanted` in the sweep file.
     fn span_of(&self, wanted: &str) -> Span {
         let mut fields = self.tree.fields().unwrap_or_default().iter();
         let field = fields.find(|field| field.name.text == wanted);
@@ -45,8 +45,8 @@ impl Reader<'_> {
             let message = "expected either `set` or `input`, found both";
             self.report(code::WRONG_VALUE, meant.span_of("input"), message, "remove one of them");
         }
-        // If neither `set` nor `input` is given, each row replaces files that the graph reads. These files do not depend on the row, so
-        // they are determined only once.
+        // Without `set` and `input`, each row replaces files that the graph reads. These do not depend on the row, so determine them only
+        // once.
         let is_said = !meant.set.is_empty() || !meant.input.is_empty();
         let own = if is_said { Vec::new() } else { (self.reads)() };
         let named = match meant.name {
@@ -70,7 +70,8 @@ impl Reader<'_> {
         Rows { names: vec![named], rows }
     }
 
-    /// Reports matching files and folders that replace no file of the graph, and leaves them out. It is an error if no match remains.
+    /// Reports matching files and folders that replace no file of the graph, and leaves them out. If no other match remains, that is an
+    /// error.
     fn report_unmatched(
         &mut self,
         own: &[(String, PathBuf)],
@@ -101,8 +102,8 @@ impl Reader<'_> {
         }
     }
 
-    /// Warns of folders in which a file is missing that other folders contain. The tasks of such folders use the file of the graph, which
-    /// probably belongs to another scan.
+    /// Warns of folders in which a file is missing that other matching folders contain. The tasks of such folders use the graph's own file,
+    /// which probably belongs to another scan.
     fn warn_of_missing_files(
         &mut self,
         own: &[(String, PathBuf)],
@@ -126,8 +127,8 @@ impl Reader<'_> {
         }
     }
 
-    /// Returns the row for a file or folder. `own` are the files that the graph reads, each with its field. Returns `None` if the file or
-    /// folder replaces none of them.
+    /// Returns the row for a matching file or folder. `own` are the files that the graph reads, each with its field. Returns `None` if the
+    /// match replaces none of them.
     fn file(
         &mut self,
         path: &Path,

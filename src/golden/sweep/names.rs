@@ -7,20 +7,20 @@ use maquette_value::Hash;
 use unicode_normalization::UnicodeNormalization;
 use unicode_normalization::char::is_combining_mark;
 
-/// A template for names, such as `{scan}/{growth}_{levels}`.
+/// A template for the names of tasks, such as `{scan}/{growth}_{levels}`.
 pub(super) struct Template {
     pieces: Vec<Piece>,
 }
 
 enum Piece {
     Text(String),
-    /// The value with this index.
+    /// The value with this index in the row of the task.
     Value(usize),
     /// The number of the task.
     Index,
 }
 
-/// An error in a template: its offset, the message, and if the error is an unknown name, the name.
+/// An error in a template: its offset, its message, and the unknown name if that is the error.
 #[derive(Debug, PartialEq)]
 pub(super) struct TemplateError {
     pub(super) at: usize,
@@ -35,7 +35,7 @@ const RESERVED: [&str; 2] = ["tasks", "index.html"];
 const MAX_PART_BYTES: usize = 100;
 
 impl Template {
-    /// Parses a template whose values have these names. `{{` represents a brace.
+    /// Parses a template. `names` are the names of the values that it can contain. `{{` stands for a brace.
     pub(super) fn read(text: &str, names: &[&str]) -> Result<Self, TemplateError> {
         fn wrong(at: usize, message: &str) -> TemplateError {
             TemplateError { at, message: message.to_owned(), unknown: None }
@@ -85,7 +85,7 @@ impl Template {
         Ok(Self { pieces })
     }
 
-    /// Creates a template that contains all values, joined by `_`.
+    /// Creates a template that contains all `count` values, joined by `_`.
     pub(super) fn of_all(count: usize) -> Self {
         fn gap(index: usize) -> String {
             if index == 0 { String::new() } else { "_".to_owned() }
@@ -99,7 +99,7 @@ impl Template {
         self.pieces.iter().any(|piece| matches!(piece, Piece::Value(index) if *index == value))
     }
 
-    /// Returns the name of the task with this index and these values.
+    /// Returns the name of the task with this index and values.
     pub(super) fn name(&self, index: usize, values: &[String]) -> String {
         let mut name = String::new();
         for piece in &self.pieces {
@@ -114,11 +114,12 @@ impl Template {
     }
 }
 
-/// Converts a value to a part of a name. Letters, digits and `.`, `_`, `+`, `-` are kept; any other characters become a single `-`.
+/// Converts a value to a part of a name. Letters, digits, `.`, `_`, `+` and `-` are kept. Each run of other characters becomes one `-`.
 fn value_as_name(value: &str) -> String {
     let mut name = String::new();
     let mut has_gap = false;
-    // The text is composed (Unicode NFC) first. In decomposed form, in which macOS writes names, an accent would not be a letter.
+    // Convert the text to its composed form (Unicode NFC) first. In the decomposed form, which macOS uses for file names, an accent is not
+    // a letter.
     for c in value.nfc() {
         if c.is_alphanumeric() || is_combining_mark(c) || ".+-_".contains(c) {
             if std::mem::take(&mut has_gap) && !name.is_empty() {
@@ -132,7 +133,7 @@ fn value_as_name(value: &str) -> String {
     if name.is_empty() { "empty".to_owned() } else { name }
 }
 
-/// Returns a folder name that is valid on every file system.
+/// Converts a part of a name to a folder name that is valid on every file system.
 fn portable_name(part: &str) -> String {
     const DEVICES: [&str; 4] = ["con", "prn", "aux", "nul"];
     let mut name = String::from_iter(part.chars().map(|c| match c {
@@ -146,7 +147,7 @@ fn portable_name(part: &str) -> String {
             (0..=MAX_PART_BYTES - 9).rev().find(|&end| name.is_char_boundary(end)).unwrap_or(0);
         name = format!("{}-{}", &name[..end], &hash[..8]);
     }
-    // Windows drops dots and spaces at the end of a name. On other systems a leading dot hides a folder.
+    // Windows drops dots and spaces at the end of a name. On other systems, a dot at the start hides a folder.
     let trimmed = name.trim_end_matches(['.', ' ']).trim_start_matches(' ').to_owned();
     let name = if trimmed.is_empty() || trimmed.starts_with('.') {
         format!("_{trimmed}")
@@ -164,11 +165,11 @@ fn portable_name(part: &str) -> String {
 /// A conflict between the names of tasks.
 #[derive(Debug, PartialEq)]
 pub(super) enum Clash {
-    /// Two tasks have names that are equal if the case of letters and the form of accents are ignored.
+    /// The names of two tasks, given by index, are equal if upper case and the encoding of accents are ignored.
     Same(usize, usize),
-    /// The folder of the second task is inside of the folder of the first.
+    /// The folder of the second task would be inside of the folder of the first.
     Inside(usize, usize),
-    /// A task has a name that the batch itself uses.
+    /// A task has a name that the batch itself uses for a file or folder.
     Reserved(usize),
 }
 

@@ -4,19 +4,19 @@ use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
-/// A file that matches a pattern, with the text that the wildcards match. If the pattern has no wildcards, the text is the file name
-/// without extension.
+/// A file or folder that matches a pattern, and the part of its path that the wildcards match. Without wildcards in the pattern, that part
+/// is the file name without extension.
 #[derive(Debug, PartialEq)]
 pub(super) struct MatchedPath {
     pub(super) path: PathBuf,
     pub(super) name: String,
 }
 
-/// The maximum number of files that may match a part of a pattern.
+/// The maximum number of files that may match each part of a pattern.
 const MAX_FOUND: usize = 100_000;
 
-/// Returns the files and folders that match a pattern, in natural order of their names. A hidden file matches only if the pattern has a
-/// leading dot, too.
+/// Returns the files and folders that match a pattern, sorted in natural order. A hidden file matches only if the pattern also begins with
+/// a dot.
 ///
 /// # Errors
 /// A message if the pattern is invalid or a folder cannot be read.
@@ -38,7 +38,7 @@ pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<MatchedPath>, 
         for (path, stars) in found {
             if !part.contains(['*', '?']) {
                 let path = path.join(part);
-                // A path with `..` is made canonical, so that a file is always found under the same path.
+                // Resolve a path that contains `..`, so that a file is always found under the same path.
                 let path =
                     if part == ".." { fs::canonicalize(&path).unwrap_or(path) } else { path };
                 next.extend(path.exists().then_some((path, stars)));
@@ -46,7 +46,7 @@ pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<MatchedPath>, 
             }
             let entries = match fs::read_dir(&path) {
                 Ok(entries) => entries,
-                // The path is a file next to matching folders, so it has no content to search.
+                // Skip a file next to matching folders: it has no content that could match the next part.
                 Err(_) if !path.is_dir() => continue,
                 Err(error) => return Err(read_error(&path, &error)),
             };
@@ -66,7 +66,7 @@ pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<MatchedPath>, 
             }
         }
         if MAX_FOUND < next.len() {
-            // A link to a parent folder creates an unlimited number of paths.
+            // The cause may be a link to a parent folder, which leads to an unlimited number of paths.
             return Err(format!(
                 "more than {MAX_FOUND} files match `{pattern}`: use fewer wildcards"
             ));
@@ -87,13 +87,12 @@ pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<MatchedPath>, 
     Ok(found)
 }
 
-/// Returns the message about a folder that cannot be read.
+/// Returns the error message about a folder that cannot be read.
 fn read_error(folder: &Path, error: &io::Error) -> String {
     format!("cannot read {}: {error}", folder.display())
 }
 
-/// Returns the part of a name that corresponds to the pattern from its first wildcard to its last. Returns `None` if the name does not
-/// match.
+/// Returns the part of a name that the pattern matches from its first to its last wildcard. Returns `None` if the name does not match.
 fn wildcard_text(pattern: &str, name: &str) -> Option<String> {
     fn is_wild(c: char) -> bool {
         c == '*' || c == '?'
@@ -107,7 +106,7 @@ fn wildcard_text(pattern: &str, name: &str) -> Option<String> {
     Some(String::from_iter(&name[before..name.len() - behind]))
 }
 
-/// Returns true if a name matches a pattern. If the match fails, the function backtracks to the last `*`.
+/// Returns true if a name matches a pattern. After a mismatch, goes back to the last `*`.
 fn matches_pattern(pattern: &[char], name: &[char]) -> bool {
     let (mut at, mut in_name) = (0, 0);
     let mut star: Option<(usize, usize)> = None;
@@ -133,7 +132,7 @@ fn matches_pattern(pattern: &[char], name: &[char]) -> bool {
     pattern[at..].iter().all(|c| *c == '*')
 }
 
-/// Compares names in natural order, so that `scan-2` is before `scan-10`.
+/// Compares names in natural order, in which `scan-2` is before `scan-10`.
 fn natural_order(a: &str, b: &str) -> Ordering {
     let (mut a, mut b) = (a, b);
     loop {

@@ -1,26 +1,26 @@
-//! Tables of values in CSV or JSON, with one task per row. Ambiguous input is an error.
+//! Reads tables of values in CSV or JSON, with one task per row. Ambiguous input is an error.
 
 use maquette_syntax::quote;
 use serde_json::Value as Json;
 
-/// A table. All of its rows have the same number of cells.
+/// A table. All rows have the same number of cells.
 #[derive(Debug, PartialEq)]
 pub(super) struct Table {
     pub(super) names: Vec<String>,
     pub(super) rows: Vec<Vec<Cell>>,
 }
 
-/// A value in two forms: as RON, and as it is displayed.
+/// A value of a table, in two forms: as RON, and as text for display.
 #[derive(Debug, PartialEq)]
 pub(super) struct Cell {
     pub(super) text: String,
     pub(super) shown: String,
 }
 
-/// Reads a table. The extension of the path determines the format.
+/// Reads a table as CSV or JSON, depending on the extension of the path.
 ///
 /// # Errors
-/// A message with the number of the line.
+/// A message that contains the number of the line.
 pub(super) fn read(path: &str, text: &str) -> Result<Table, String> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let table =
@@ -43,8 +43,7 @@ pub(super) fn read(path: &str, text: &str) -> Result<Table, String> {
     Ok(table)
 }
 
-/// Returns the value of a CSV field. The value is text if the field is in quotes, or if it is neither a number, `true`, `false`, nor RON in
-/// brackets.
+/// Returns the value of a CSV field. It is text if the field is in quotes, or if it is not a number, `true`, `false`, or RON in brackets.
 fn cell(field: &Field) -> Cell {
     let shown = field.text.clone();
     let is_word = ["true", "false"].contains(&&shown[..]);
@@ -64,7 +63,7 @@ fn is_number(text: &str) -> bool {
     begins.starts_with(|c: char| c.is_ascii_digit() || c == '.') && text.parse::<f64>().is_ok()
 }
 
-/// A field of a CSV file, and the number of the line on which the field begins.
+/// A field of a CSV file, with the number of the line on which it begins.
 struct Field {
     text: String,
     is_quoted: bool,
@@ -107,7 +106,7 @@ fn csv(text: &str) -> Result<Table, String> {
     Ok(Table { names, rows })
 }
 
-/// Returns the records of a CSV file (RFC 4180). Empty lines are left out.
+/// Parses the records of a CSV file (RFC 4180). Empty lines are left out.
 fn records(text: &str) -> Result<Vec<Vec<Field>>, String> {
     let (mut records, mut record) = (Vec::new(), Vec::new());
     let (mut rest, mut line) = (text, 1);
@@ -196,7 +195,7 @@ fn json(text: &str) -> Result<Table, String> {
     Ok(table)
 }
 
-/// Returns a JSON value as RON, or `None` for an object.
+/// Converts a JSON value to RON. Returns `None` for an object.
 fn ron(value: &Json) -> Option<String> {
     Some(match value {
         Json::String(text) => quote(text),

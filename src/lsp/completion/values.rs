@@ -1,4 +1,4 @@
-//! Completion of values: nodes, keywords, values of a schema, parameters and expressions, files.
+//! Completion of values: nodes, keywords, schema values, parameters, expressions and files.
 
 use std::path::Path;
 use std::rc::Rc;
@@ -11,7 +11,7 @@ use crate::expected_syntax::{ExpectedSyntax, FieldInfo, fields_of, takes};
 use crate::library::{Library, NodeKind};
 
 impl Search<'_> {
-    /// Returns the text of a node with its required ports.
+    /// Returns the text of a new node, with its required ports to be filled in.
     fn node_call(&self, name: &str, fields: &[FieldInfo]) -> String {
         let ports = fields.iter().filter(|field| field.required);
         let ports: Vec<_> = ports
@@ -32,7 +32,7 @@ impl Search<'_> {
         format!("{name}({})", fields.collect::<Vec<_>>().join(", "))
     }
 
-    /// Proposes node types: first the used graphs, then nodes that accept the values of the last nodes in the text.
+    /// Proposes node types: first the used graphs, then nodes that accept the outputs of the nodes just before the cursor.
     pub(super) fn nodes(&self) -> Vec<Proposal> {
         let mut known = Vec::new();
         for used in &self.scope.uses {
@@ -185,7 +185,7 @@ impl Search<'_> {
         found.retain(|proposal| {
             !proposal.detail.starts_with("Text") && !proposal.detail.starts_with("Color")
         });
-        // `rest` begins after the word in the expression, not after the whole string.
+        // `rest` begins after the word at the cursor, which may be in the middle of an expression.
         let rest = self.text[self.at..]
             .trim_start_matches(|c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-')
             .trim_start();
@@ -223,7 +223,7 @@ impl Search<'_> {
         }
     }
 
-    /// Proposes values that a schema allows: its default, its enum variants, and units.
+    /// Proposes values that a schema allows: the default, enum variants, and units.
     pub(super) fn schema_proposals(&self, schema: &Json, root: &Json) -> Vec<Proposal> {
         let mut found = Vec::new();
         let default = schema.get("default").filter(|default| !default.is_null());
@@ -274,7 +274,7 @@ impl Search<'_> {
         found
     }
 
-    /// Proposes what may be written instead of a literal value: a parameter of the right type, an expression, or a draft.
+    /// Proposes alternatives to a literal value: a parameter of the right type, an expression, or a draft value.
     pub(super) fn computed_proposals(&self, slot: &ExpectedSyntax) -> Vec<Proposal> {
         let schema = match slot {
             ExpectedSyntax::Value { schema, .. } => Some(&**schema),
@@ -323,7 +323,7 @@ impl Search<'_> {
         found
     }
 
-    /// Proposes folders, and files with one of these extensions.
+    /// Proposes folders, and files with one of the extensions `endings`.
     pub(super) fn files(&self, endings: &[String]) -> Vec<Proposal> {
         let typed = match is_text(self.cursor) {
             true => &self.text[self.cursor.typed.span.start..self.at],
@@ -361,7 +361,7 @@ impl Search<'_> {
     }
 }
 
-/// Formats the types of the ports and outputs of a node, such as `Mask -> Labels`.
+/// Formats the types of a node's ports and outputs, such as `Mask -> Labels`.
 fn gives(kind: &NodeKind) -> String {
     let fields = fields_of(&kind.schema, &kind.schema);
     let takes = fields.iter().filter(|field| field.required);

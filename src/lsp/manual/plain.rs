@@ -1,6 +1,6 @@
 //! Converts Markdown to plain text for a terminal.
 
-/// Removes the Markdown markup of a page, and wraps it to at most `width` characters per line. Code samples are indented and not wrapped.
+/// Removes the Markdown markup of a page, and wraps its lines to `width` characters. Code samples are indented and not wrapped.
 pub fn plain(markdown: &str, width: usize) -> String {
     let mut page = Page { text: String::new(), open: String::new(), width };
     let mut is_sample = false;
@@ -31,7 +31,7 @@ pub fn plain(markdown: &str, width: usize) -> String {
 
 struct Page {
     text: String,
-    /// The text of the current paragraph.
+    /// The text of the current paragraph, without line breaks.
     open: String,
     width: usize,
 }

@@ -1,4 +1,4 @@
-//! Tests that the manual is complete: every file is a topic, the page contains all topics, and every keyword is documented.
+//! Tests that the manual is complete: every file is a topic, `docs/language.md` contains all topics, and every keyword is documented.
 
 use std::path::Path;
 
@@ -24,7 +24,7 @@ fn every_file_of_the_folder_is_a_topic() {
     }
 }
 
-/// With `UPDATE_EXPECT=1` this test writes `docs/language.md` again.
+/// With `UPDATE_EXPECT=1`, this test writes `docs/language.md` instead of comparing it.
 #[test]
 fn the_page_is_made_of_the_topics() {
     expect_file!["../../../docs/language.md"].assert_eq(&page());
@@ -51,7 +51,7 @@ fn page() -> String {
     page
 }
 
-/// Returns the anchor that a Markdown title gets.
+/// Returns the anchor (the link target) that a Markdown title gets.
 fn anchor(title: &str) -> String {
     title
         .chars()
@@ -60,7 +60,7 @@ fn anchor(title: &str) -> String {
         .collect()
 }
 
-/// A word of a code sample, with the names of the enclosing calls and fields: for example `format` in `Graph`, or `min` in `Number` in
+/// A word of a code sample, with the names of the calls and fields around it, from the outermost one. For example, `min` is in `Number` in
 /// `params` in `Graph`.
 type Use = (Vec<String>, String);
 
@@ -143,7 +143,7 @@ fn collect(tree: &Tree, around: &mut Vec<String>, uses: &mut Vec<Use>) {
                 }
             }
         }
-        // The words in an expression are its functions.
+        // Add the functions of an expression: the words before its parentheses.
         Kind::Text(text) if around.last().is_some_and(|around| around == "Expr") => {
             let words = text.split('(').map(|before| before.rsplit(|c: char| !c.is_alphanumeric()));
             let words = words.filter_map(|mut words| words.next().map(str::to_owned));

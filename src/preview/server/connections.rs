@@ -1,7 +1,7 @@
-//! The connections of the live page's server, with limits on their number and idle time.
+//! Manages the connections to the server of the live page. Limits their number and their idle time.
 //!
-//! Any program on this machine may open connections, even thousands by mistake. Such connections must neither use up the open files of the
-//! watch nor prevent a page from connecting.
+//! Any program on this machine may open connections, even thousands by mistake. They must not use up the files that the watch can open, and
+//! must not prevent a page from connecting.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -18,20 +18,20 @@ use tokio::time::{sleep, timeout};
 
 use crate::locks::lock_ignoring_poison;
 
-/// The maximum number of connections. A browser opens up to six for all pages of a server, and one more for each page. The limit leaves
-/// room for other files: a process may have 1024 open files.
+/// The maximum number of connections. A browser opens up to six to a server, and one more for each open page. The limit leaves room for
+/// other files, because a process may have only 1024 open files.
 const MAX_CONNECTIONS: usize = 128;
 
 /// The idle time after which a connection is closed. The browser opens a new connection when it needs one.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// The maximum time for sending an answer before the connection is closed.
+/// The maximum time to finish sending an answer before a connection is closed.
 const LINGER_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// The wait before the next attempt if the system could not accept a connection.
+/// The delay before trying again after the system failed to accept a connection.
 const RETRY_DELAY: Duration = Duration::from_millis(100);
 
-/// The open connections, by number.
+/// The open connections, by the number of the connection.
 #[derive(Default)]
 struct Connections {
     open: Mutex<BTreeMap<u64, Arc<Connection>>>,
@@ -45,15 +45,15 @@ struct Connection {
     has_asked: AtomicBool,
 }
 
-/// The use of a connection.
+/// The current use of a connection.
 struct Usage {
     last: Instant,
-    /// The number of requests on this connection that are being answered.
+    /// The number of requests on this connection whose answers are being computed or sent.
     n_requests: usize,
     is_page: bool,
 }
 
-/// The permit for an open connection. Dropping it removes the connection from the list.
+/// An entry in the list of open connections. Dropping it removes the connection from the list.
 pub(super) struct Lease {
     connection: Arc<Connection>,
     number: u64,
@@ -61,8 +61,8 @@ pub(super) struct Lease {
 }
 
 impl Connections {
-    /// Registers a connection. If there are too many connections, closes the one that has been idle for the longest time. Returns `None` if
-    /// all connections are in use.
+    /// Adds a connection to the list. If there are too many, closes the one that has been idle for the longest time. Returns `None` if none
+    /// of them is idle.
     fn admit(self: &Arc<Self>) -> Option<Lease> {
         let mut open = lock_ignoring_poison(&self.open);
         if open.len() >= MAX_CONNECTIONS {
@@ -85,12 +85,12 @@ impl Connections {
 }
 
 impl Lease {
-    /// Marks the connection as the socket of a page, which stays open while it is idle.
+    /// Marks the connection as the WebSocket of a page, which is not closed while it is idle.
     pub(super) fn belongs_to_page(&self) {
         lock_ignoring_poison(&self.connection.usage).is_page = true;
     }
 
-    /// Marks that a request is being answered, until the returned guard is dropped.
+    /// Counts a request as being answered until the returned guard is dropped.
     pub(super) fn answering(&self) -> AnswerGuard {
         self.connection.has_asked.store(true, Ordering::Relaxed);
         lock_ignoring_poison(&self.connection.usage).n_requests += 1;
@@ -104,7 +104,7 @@ impl Drop for Lease {
     }
 }
 
-/// A guard that exists while a request is being answered.
+/// Marks a request as being answered while it exists.
 pub(super) struct AnswerGuard(Arc<Connection>);
 
 impl Drop for AnswerGuard {
@@ -115,7 +115,7 @@ impl Drop for AnswerGuard {
     }
 }
 
-/// Serves connections. This function never returns.
+/// Accepts and serves connections. Never returns.
 pub(super) async fn serve(listener: TcpListener, router: Router) {
     let connections = Arc::new(Connections::default());
     loop {
@@ -134,9 +134,9 @@ async fn serve_one(stream: TcpStream, router: Router, lease: Lease) {
     let lease = Arc::new(lease);
     let connection = lease.connection.clone();
     let mut first = [0];
-    // If the connection is closed before its first request, the reason can still be sent.
+    // Wait for the first request. Until it arrives, the reason for closing the connection can still be sent as an answer.
     tokio::select! {
-        // `peek` is used instead of `readable`, which may return although there is nothing to read.
+        // Use `peek` instead of `readable`, which may return although there is nothing to read.
         asked = stream.peek(&mut first) => if asked.is_err() { return },
         () = connection.close.notified() => return reject(stream, full()).await,
         () = sleep(IDLE_TIMEOUT) => return reject(stream, idle()).await,
@@ -155,14 +155,14 @@ async fn serve_one(stream: TcpStream, router: Router, lease: Lease) {
     }
 }
 
-/// Sends the reason why a connection is not served, and closes it.
+/// Sends the reason why a connection is not served, and then closes it.
 async fn reject(stream: TcpStream, answer: String) {
-    // The answer fits into the send buffer of the connection, which is empty.
+    // The send buffer of the connection is empty, so the whole answer fits into it.
     let is_open = timeout(LINGER_TIMEOUT, stream.writable()).await.is_ok();
     if !is_open || stream.try_write(answer.as_bytes()).is_err() {
         return;
     }
-    // Unread bytes are read first: closing a connection with unread bytes would reset it, and the answer would be lost.
+    // Read all unread bytes: closing a connection with unread bytes would reset it, and the answer would be lost.
     let drain = async {
         let mut bytes = [0; 1024];
         while stream.readable().await.is_ok() {

@@ -1,4 +1,4 @@
-//! Numeric attributes of a mesh, which viewers show as colors.
+//! Fields: numeric attributes of a mesh that viewers show as colors.
 
 use maquette_value::{Attribute, ElementKind, Mesh};
 use nalgebra::Vector3;
@@ -9,16 +9,17 @@ use super::Shape;
 #[derive(Clone)]
 pub struct Field {
     pub name: String,
-    /// The kind of elements that have the attribute: vertices, corners or faces.
+    /// The kind of elements to which the attribute belongs: vertices, corners or faces.
     pub element_kind: ElementKind,
-    /// The minimum and maximum of the numbers.
+    /// The minimum and the maximum of the attribute.
     pub range: [f64; 2],
-    /// The range that contains most of the numbers. Outliers are excluded, because they would use up the color scale.
+    /// The range of most of the numbers. Outliers are excluded, because they would use up the color scale.
     pub typical_range: [f64; 2],
 }
 
 impl Shape {
-    /// The numbers of a field. A field of vertices has one number per display vertex; any other field has one per corner of each triangle.
+    /// Returns the numbers of a field. There is one per display vertex if the attribute belongs to vertices, otherwise one per corner of
+    /// each triangle.
     pub fn field(&self, field: &Field) -> Vec<f32> {
         let attributes = match field.element_kind {
             ElementKind::Vertex => self.mesh.vertex(),
@@ -47,7 +48,7 @@ impl Shape {
     }
 }
 
-/// The numeric attributes of a mesh, except those that the viewer shows in any case.
+/// Returns the numeric attributes of a mesh as fields. Normals are left out, because viewers show them as shading.
 pub(super) fn fields_of(mesh: &Mesh) -> Vec<Field> {
     let all = [
         (ElementKind::Vertex, mesh.vertex()),
@@ -81,7 +82,7 @@ pub(super) fn fields_of(mesh: &Mesh) -> Vec<Field> {
     named.filter_map(field).collect()
 }
 
-/// The numbers of an attribute. For an attribute of vectors, their lengths. `None` for colors and pairs.
+/// Returns the numbers of an attribute. For vectors these are their lengths. Returns `None` for colors and pairs.
 fn numbers_of(attribute: &Attribute) -> Option<Box<dyn Iterator<Item = f64> + '_>> {
     Some(match attribute {
         Attribute::Number(column) => Box::new(column.iter().copied()),

@@ -1,5 +1,5 @@
-//! Updates a shape after some vertices have moved. The cost depends on the number of moved vertices, plus a copy of each column that
-//! changes.
+//! Updates a shape after some vertices of its mesh have moved. The cost grows with the number of moved vertices, plus one copy of each
+//! column that changes.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -14,8 +14,8 @@ use super::{
 };
 
 impl Shape {
-    /// The updated shape for this mesh, which equals the result of [`new`](Self::new). `None` if the mesh differs from the mesh of the
-    /// shape by more than moved vertices, or if the number of display vertices changes.
+    /// Returns this shape updated for a changed mesh. The result equals that of [`new`](Self::new). Returns `None` if more than the
+    /// positions of vertices has changed, or if the number of display vertices changes.
     pub(super) fn update(
         &self,
         mesh: &Mesh,
@@ -31,7 +31,7 @@ impl Shape {
         let moved =
             mesh.moved_since(&self.mesh).filter(|_| mesh.materials() == self.mesh.materials())?;
         let count = mesh.positions().len();
-        // If most of the vertices have moved, an update takes as long as building the shape again.
+        // If most vertices have moved, an update is as slow as building the shape again.
         if 2 * moved.vertices.iter().map(ExactSizeIterator::len).sum::<usize>() > count {
             return None;
         }
@@ -46,7 +46,7 @@ impl Shape {
                 !mesh.face_triangles(face).eq(self.mesh.face_triangles(face))
             })
             .collect();
-        // If the faces have different numbers of corners, the index of a triangle does not determine its face.
+        // If the faces differ in their numbers of corners, the index of a triangle does not tell its face.
         if !recut.is_empty() && mesh.faces().sides().is_none() {
             return None;
         }
@@ -57,7 +57,7 @@ impl Shape {
             bent.sort_unstable();
         }
         let (paint, normals) = (Paint::new(mesh), Normals::new(mesh));
-        // If the faces have different numbers of corners, there are no leaning triangles at this point. So `listed` is not needed.
+        // If the faces differ in their numbers of corners, there are no leaning triangles here. So the list of triangles is not needed.
         let cut = Triangulation { mesh, listed: None, bent };
         let turned = match (&self.computed, normals.computed_normals()) {
             (Some(before), Some(now)) => now.changed_rows(before)?,
@@ -121,7 +121,7 @@ impl Shape {
         })
     }
 
-    /// The leaning triangles after the given vertices have changed.
+    /// Returns the leaning triangles after the given ranges of vertices have changed.
     fn updated_leaning(
         &self,
         mesh: &Mesh,
@@ -145,7 +145,7 @@ impl Shape {
     }
 }
 
-/// Computes some rows of a column again. If nothing changes, returns the column itself.
+/// Computes the given rows of a column again. If nothing changes, returns the same column without copying it.
 fn update_rows<T: Pod + PartialEq + Send + Sync>(
     before: &Column<T>,
     rows: &[Range<u32>],
@@ -165,7 +165,7 @@ mod tests {
 
     use super::*;
 
-    /// A sheet of triangles or quads with spikes. At the spikes there are leaning triangles.
+    /// Creates a sheet of triangles or quads with spikes, so that some triangles lean.
     fn sheet(width: u32, sides: usize) -> Mesh {
         let cells =
             (0..(width - 1) * (width - 1)).map(|k| (k / (width - 1)) * width + k % (width - 1));

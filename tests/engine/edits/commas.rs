@@ -1,4 +1,4 @@
-//! Graphs whose lines begin with commas: every tool treats them like the graph whose lines end with commas.
+//! Graph files whose lines begin with commas. Every tool treats them like the same graph with commas at the ends of lines.
 
 use std::path::{Path, PathBuf};
 
@@ -28,7 +28,7 @@ const LEADING: &str = r#"Graph(
 )
 "#;
 
-/// Returns the text in canonical form.
+/// Returns the text in canonical form, as the formatter writes it.
 fn form(text: &str) -> String {
     maquette::edit::format_text(Path::new("graph.ron"), text)
         .unwrap_or_else(|why| panic!("{why:?}\n{text}"))
@@ -38,8 +38,8 @@ fn apply_edits(text: &str, edits: &[Edit]) -> Option<String> {
     edit(Path::new("nowhere/graph.ron"), text, edits).ok().map(|edited| edited.text)
 }
 
-/// Returns a text in canonical form with its commas moved to the beginnings of lines. With `apart`, the comma of a commented entry is put
-/// before the comment.
+/// Moves the commas of a text in canonical form to the beginnings of lines. If `apart` is true, the comma of an entry with a comment above
+/// is put before that comment.
 fn leading(text: &str, apart: bool) -> String {
     let mut lines: Vec<String> = Vec::new();
     let mut is_due = false;

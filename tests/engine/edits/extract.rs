@@ -1,4 +1,4 @@
-//! Extracts nodes to a new graph file: checks both resulting texts, the moved parts, and the refusals.
+//! Extracts nodes into a new graph file. Checks both resulting texts, the moved parts, and the reasons for refusals.
 
 use std::path::{Path, PathBuf};
 
@@ -70,7 +70,7 @@ Graph(
 )
 "##;
 
-/// Returns the graph with node types that read no files.
+/// Returns the graph `SCAN` with used graphs that read no files.
 fn scan() -> String {
     let text = SCAN.replace("lib/skin.ron", "skin.ron").replace(", \"Bump\": \"lib/bump.ron\"", "");
     assert_ne!(text, SCAN);
@@ -172,7 +172,7 @@ fn a_use_goes_along_with_its_type_and_comes_back() {
     let options = with_skin().with_text("nowhere/lib/all.ron", &done.text[..]);
     let back =
         maquette::edit::inline(Path::new(HERE), &done.edited.text, "whole", catalog(), &options);
-    // Extraction wrote out the name of the node's first output (`skin.mesh`), and inlining shortens it to `skin`.
+    // Extraction has written the name of the node's first output (`skin.mesh`). Inlining shortens it to `skin`.
     let was = scan().replace("Closed(\"skin.mesh\")", "Closed(\"skin\")");
     assert_eq!(back.map(|back| back.text).map_err(|it| diagnostics_text(&it)), Ok(was));
 }
@@ -291,7 +291,7 @@ fn paths_lead_to_the_same_files_whatever_they_go_through() {
         back.map(|back| back.text).map_err(|problems| diagnostics_text(&problems)),
         Ok(text.to_owned())
     );
-    // The use of the new graph may also give the parameter `last` another value, or leave it out.
+    // The parameter `last` of the new graph may get another value, or may be left out.
     let other = done.edited.text.replace("Param(\"last\")", "\"other/x.obj\"");
     fn inline_text(text: &str, path: &Path, options: &Options) -> String {
         let done = maquette::edit::inline(path, text, "new", catalog(), options);
@@ -394,7 +394,8 @@ fn names_are_made_of_the_file_or_of_each_other() {
     );
     assert_eq!(names(extraction(None, Some("far"), None)), "nowhere/far.ron Far far");
     assert_eq!(names(extraction(None, None, Some("nowhere/x/y_2.ron"))), "nowhere/x/y_2.ron Y2 y2");
-    // A new graph's type and name get a number if they are taken: a node type `Label` is built in, and the graph has a node `skin`.
+    // If the type or name of the new graph is taken, a number is appended: `Label` is a built-in node type, and the graph has a node
+    // `skin`.
     assert_eq!(
         names(extraction(None, None, Some("nowhere/label.ron"))),
         "nowhere/label.ron Label2 label2"
@@ -540,7 +541,7 @@ fn a_file_that_is_there_is_not_replaced() {
     let wanted = Extraction { to: Some(folder.path().join("new.ron")), ..wish(&["red"], "") };
     let refused = maquette::edit::extract(&path, DOLL, &wanted, catalog(), &Options::default());
     assert!(diagnostics_text(&refused.unwrap_err()).contains("new.ron` is there already"));
-    // A file that exists only in an editor's unsaved text counts as existing, too.
+    // A file that exists only as unsaved text in an editor also counts as existing.
     let other = Extraction { to: Some(folder.path().join("other.ron")), ..wish(&["red"], "") };
     let options = Options::default().with_text(folder.path().join("other.ron"), "mine");
     let refused = maquette::edit::extract(&path, DOLL, &other, catalog(), &options);
@@ -578,7 +579,7 @@ fn nothing_is_computed_anew() {
         maquette::edit::inline(&path, &done.edited.text, "nose", catalog(), &options).unwrap();
     assert_eq!(inlined.text, DOLL);
     assert_eq!(count(&inlined.text, &mut evaluator, &options, &path).0, 0);
-    // Renaming a node computes nothing again, but changing a value does.
+    // Renaming a node causes no node to run again, but changing a value does.
     let other = apply_edits(DOLL, &[rename("red", "blue")]).unwrap();
     assert_eq!(count(&other, &mut evaluator, &options, &path).0, 0);
     let other = done.edited.text.replace("default: 12.0", "default: 13.0");

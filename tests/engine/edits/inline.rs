@@ -1,4 +1,4 @@
-//! Replaces uses of graphs by the nodes of these graphs: checks parameter values, names, expectations, and refusals.
+//! Replaces nodes that use a graph by the nodes of that graph. Checks parameter values, names, expectations, and the reasons for refusals.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use super::{catalog, law};
 
 const HERE: &str = "nowhere/graph.ron";
 
-/// Returns a graph with the given parts that uses another graph.
+/// Returns a graph that uses another graph, with these parameters, nodes and other fields.
 fn outer(params: &str, nodes: &str, rest: &str) -> String {
     format!(
         "Graph(\n    format: 1,\n    use: {{ \"Lift\": \"lib/lift.ron\" }},\n{params}    nodes: {{\n        \"mesh\": ReadMesh(path: \"a.obj\"),\n{nodes}    }},\n{rest})\n"
@@ -259,8 +259,8 @@ fn what_nodes_alone_cannot_say_is_refused() {
     let promises =
         LIFT.replace("    expect:", "    promises: { \"mesh\": [Closed] },\n    expect:");
     all.push(inline_error(&text, &promises, "up"));
-    // These uses cannot be inlined. The plain number 7 is in centimeters as a value of `height`, but would be in millimeters in the node of
-    // the used graph.
+    // These uses cannot be inlined. For example, the plain number 7 means centimeters as a value of `height`, but would mean millimeters in
+    // the node of the used graph.
     let params = "    params: { \"far\": Number(default: 7.0) },\n";
     let far = "        \"up\": Lift(mesh: \"mesh\", height: Param(\"far\")),\n";
     all.push(inline_error(&outer(params, far, OUTPUTS), LIFT, "up"));
@@ -292,7 +292,7 @@ fn what_nodes_alone_cannot_say_is_refused() {
         G012 graph.ron:6:9 `/lib/lift.ron` is a patch, which has no nodes of its own (use the graph that it is `of`, with its values)"#]].assert_eq(&all.join("\n"));
 }
 
-/// Inlines each use of a graph in all graphs of the project. A use may be refused only for a known reason.
+/// Inlines each use of a graph, in all graphs of the project. Only known reasons for a refusal are accepted.
 #[test]
 fn uses_of_all_graphs_give_way_to_their_nodes() {
     let options = Options { files: Files::Ignored, ..Options::default() };
@@ -322,7 +322,7 @@ fn uses_of_all_graphs_give_way_to_their_nodes() {
         }
     }
     assert!(done > 12 && done > 5 * refused.len(), "{done} done, refused:\n{}", refused.join("\n"));
-    // `inline` refuses to replace a use only if the used graph has `wants` or `promises`, which the message then names.
+    // The known reasons are that the used graph has `wants` or `promises`. The message then names them.
     let has_reason = |why: &String| why.contains(" wants ") || why.contains(" promises ");
     assert!(refused.iter().all(has_reason), "{}", refused.join("\n"));
 }

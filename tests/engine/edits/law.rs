@@ -1,5 +1,5 @@
-//! Applies random edits to all graphs and checks the laws that each edit must satisfy. `LAW_EDITS` is the number of edits per graph, and
-//! `PROPTEST_RNG_SEED` selects them.
+//! Applies random edits to all graphs, and checks the laws that every edit must satisfy. The environment variable `LAW_EDITS` sets the
+//! number of edits per graph, and `PROPTEST_RNG_SEED` sets the seed.
 
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -16,19 +16,19 @@ use super::{catalog, differences, edit, schemas};
 use crate::beside::shared_folder;
 use crate::ron_files::ron_files;
 
-/// Number of edits per graph if `LAW_EDITS` is not set.
+/// The number of edits per graph if `LAW_EDITS` is not set.
 const EDITS: u32 = 20;
 
-/// Number of edits in a sequence; each sequence begins with the original graph.
+/// The number of edits in a sequence. Each sequence begins with the original graph.
 const WALK: usize = 8;
 
-/// Returns all graphs of the project, and those in `../shared/graphs` beside the project if this folder exists.
+/// Returns all graphs of the project. Also returns those in the folder `../shared/graphs` next to the project, if it exists.
 pub(super) fn graphs() -> Vec<(PathBuf, String)> {
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
     let folders = [own].into_iter().chain(shared_folder("graphs"));
     let mut files: Vec<_> = folders.flat_map(|folder| ron_files(&folder)).collect();
     files.sort();
-    // A lock file contains texts of graphs, but is not a graph itself.
+    // Leave out lock files: they contain the texts of graphs, but are not graphs.
     files.retain(|path| !path.to_string_lossy().ends_with(".lock.ron"));
     let graphs = files
         .into_iter()
@@ -46,7 +46,7 @@ fn problems(path: &Path, text: &str) -> Vec<(&'static str, String)> {
     problems.into_iter().map(|problem| (problem.code, problem.message)).collect()
 }
 
-/// Returns a random edit that refers to names of the graph; many such edits are invalid.
+/// Returns a random edit that mentions names in the graph. Many of these edits are invalid.
 fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
     const NEW: [&str; 6] = ["new", "zz-top", "b-2", "nose", "grow", "Wrong"];
     let [a, b, c, d] = dice;
@@ -84,8 +84,7 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
             }
         }
         1 => {
-            // Half of the time, removes a node that no other node needs. `is_needed` returns true if a link of the graph refers to the node
-            // `name`.
+            // In half of the cases, remove a node that no other node needs.
             fn is_needed(name: &str, sketch_links: &[(String, String)]) -> bool {
                 fn is_it(link: &str, name: &str) -> bool {
                     link.split('.').next() == Some(name)
@@ -111,7 +110,7 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
         3 if sketch.links.is_empty() => Edit::Unlink { port: "nothing.at-all".into() },
         3 => {
             let (port, _) = a.get(&sketch.links);
-            // Two ports with the same field name mostly have the same type. So the link of one port mostly fits the other port.
+            // In half of the cases, use the link of a port with the same field name, because it probably has the right type.
             fn field(port: &str) -> Option<String> {
                 port.split('.').nth(1).map(str::to_owned)
             }
@@ -127,7 +126,7 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
                     Edit::Unlink { port: a.get(&sketch.links).0.clone() }
                 }
                 _ if !free.is_empty() => Edit::Unlink { port: a.get(&free).clone() },
-                // All links of this graph are required: set a value instead.
+                // All links of this graph are required, so set a value instead.
                 _ => random_edit(sketch, 5, dice),
             }
         }
@@ -150,7 +149,7 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
 
 const KINDS: [&str; 7] = ["add", "remove", "rename", "link", "unlink", "set", "output"];
 
-/// A step that is not an edit: it reverts the last edit, and the next edit continues from the restored text.
+/// A step that reverts the last edit. The next edit then starts from the restored text.
 const UNDO: usize = KINDS.len();
 
 fn kind_of(edit: &Edit) -> &'static str {
@@ -165,20 +164,20 @@ fn kind_of(edit: &Edit) -> &'static str {
     }]
 }
 
-/// Returns true if `part` is a subsequence of `whole`.
+/// Returns true if the bytes of `part` occur in `whole` in the same order, possibly with others between them.
 fn is_within(part: &str, whole: &str) -> bool {
     let mut whole = whole.bytes();
     part.bytes().all(|byte| whole.any(|other| other == byte))
 }
 
-/// Returns the summed length in bytes of the common prefix and the common suffix of two texts, at most the length of the shorter text.
+/// Returns the total length in bytes of the common beginning and the common end of two texts. It is at most the length of the shorter text.
 fn in_common(old: &str, new: &str) -> usize {
     let start = old.bytes().zip(new.bytes()).take_while(|(a, b)| a == b).count();
     let end = old.bytes().rev().zip(new.bytes().rev()).take_while(|(a, b)| a == b).count();
     (start + end).min(old.len()).min(new.len())
 }
 
-/// Returns the text with all string literals emptied.
+/// Returns the text with the content of all strings removed.
 fn skeleton(text: &str) -> String {
     let pieces = text.split('"').enumerate();
     let outside = pieces.filter(|(index, _)| index % 2 == 0);
@@ -193,13 +192,13 @@ macro_rules! holds {
     };
 }
 
-/// Checks the laws that a successful edit must satisfy.
+/// Checks the laws that an edit must satisfy if it was successful.
 fn judge(path: &Path, old: &str, edit: &Edit, edited: &EditedText) -> Result<(), TestCaseError> {
     let new = &edited.text;
     holds!(edited.before == old, "the old text is another one");
     let known = problems(path, old);
     let found = problems(path, new);
-    // After a rename, the message of a known diagnostic may contain the new name, so only the codes of diagnostics are compared.
+    // Compare only the codes of diagnostics after a rename, because the message of a known diagnostic may contain the new name.
     let renames = matches!(edit, Edit::Rename { .. }) && found.len() <= known.len();
     let is_known = |(code, message): &(&str, String)| {
         known.iter().any(|known| known.0 == *code && (renames || known.1 == *message))
@@ -226,7 +225,7 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &EditedText) -> Result<(),
             let is_new = matches!(edit, Edit::Add { .. });
             if is_new {
                 let common = in_common(old, new);
-                // Returns true if the added text consists of a comma before a comment and the entry after that comment.
+                // Returns true if the added text is a comma before a comment, and the new entry after that comment.
                 fn comma(common: usize, old: &str, new: &str) -> bool {
                     is_within(old, new) && in_common(&old[common..], new) > 0
                 }
@@ -234,7 +233,7 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &EditedText) -> Result<(),
             }
         }
     }
-    // An edit of nodes in a graph in canonical form must give a graph in canonical form, if each entry is on a line of its own.
+    // If a graph is in canonical form and each entry has its own line, adding or removing a node must keep the canonical form.
     fn form(text: &str, path: &Path) -> Option<String> {
         maquette::edit::format_text(path, text).ok()
     }
@@ -248,8 +247,8 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &EditedText) -> Result<(),
     }
     if of_nodes && form(old, path).as_deref() == Some(old) && !is_joined(old) {
         let formed = form(new, path).unwrap_or_default();
-        // If the list of parameters or inputs becomes shorter, the canonical form may join it into one line, though the edit leaves its
-        // lines alone. Then only the text from `nodes` on is compared.
+        // If the list of parameters or inputs becomes shorter, the canonical form may join it to one line, but the edit keeps its lines.
+        // Then compare only the text from `nodes` on.
         let is_joined = is_joined(&formed);
         fn from(text: &str, is_joined: bool) -> usize {
             text.find("\n    nodes:").filter(|_| is_joined).unwrap_or(0)
@@ -260,17 +259,17 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &EditedText) -> Result<(),
     judge_meaning(edit, old, &differences(path, old, new))
 }
 
-/// Checks that the graph's meaning differs exactly as the edit requires.
+/// Checks that the meaning of the graph has changed exactly as the edit requires.
 fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), TestCaseError> {
     let told = found.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
     fn plain(name: &str) -> String {
         name.rsplit('.').next().unwrap_or_default().to_owned()
     }
-    // Expectations are compared as texts, which differ when a name in them changes.
+    // Expectations are compared as texts, so a new name in one counts as a difference.
     fn is_expected(found: &&Difference, old: &str) -> bool {
         found.field == "expect" && old.contains("expect:")
     }
-    // If an edit removes or renames an output, the promises of this output change, too.
+    // If an edit removes or renames an output, the promises about this output change, too.
     let outputs_go = matches!(edit, Edit::Remove { .. } | Edit::Rename { .. });
     let is_promised =
         |found: &&Difference| outputs_go && found.field == "promises" && old.contains("promises:");
@@ -301,7 +300,8 @@ fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), Tes
             own.len() == 1 && if *and_links { others_go } else { others.is_empty() }
         }
         Edit::Rename { from, to } => {
-            // A link that had no target, because it already used the new name, now refers to the renamed node. Its text is unchanged.
+            // A link whose target did not exist may have used the new name before. Now it refers to the renamed node, although its text is
+            // the same.
             fn is_in_vain(f: &Difference) -> bool {
                 f.before.is_some() && f.before == f.after
             }
@@ -331,7 +331,7 @@ fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), Tes
     Ok(())
 }
 
-/// Applies a sequence of edits to a graph, each edit to the result of the previous one.
+/// Applies a sequence of edits to a graph, each to the result of the previous one.
 fn follow(
     path: &Path,
     text: &str,
@@ -394,7 +394,7 @@ fn a_random_edit_does_what_it_says_and_nothing_else_or_is_refused() {
         let mut runner = TestRunner::new_with_rng(config, rng);
         runner.run(&walk, |steps| follow(path, text, &steps, &counts)).err()
     });
-    // Shows only the part of a message with the failing edit. The part after `minimal failing` only repeats the steps that led to the text.
+    // Keep only the part of the message about the failing edit. The part after `minimal failing` only repeats the steps before it.
     fn short_failure(failure: String) -> Option<String> {
         failure.split("minimal failing").next().map(str::to_owned)
     }

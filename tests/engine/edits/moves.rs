@@ -1,5 +1,5 @@
-//! Extracts random sets of nodes of all graphs and inlines them again, and checks the laws that both edits must satisfy. `LAW_SETS` is the
-//! number of sets per graph, and `PROPTEST_RNG_SEED` selects them.
+//! Extracts random sets of nodes from all graphs and inlines them again. Checks the laws that both edits must satisfy. The environment
+//! variable `LAW_SETS` sets the number of sets per graph, and `PROPTEST_RNG_SEED` sets the seed.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -13,14 +13,14 @@ use rayon::prelude::*;
 use super::sketch::{self, Sketch};
 use super::{catalog, differences, law};
 
-/// Number of node sets per graph if `LAW_SETS` is not set.
+/// The number of sets of nodes per graph if `LAW_SETS` is not set.
 const SETS: u64 = 6;
 
 fn options() -> Options {
     Options { files: Files::Ignored, ..Options::default() }
 }
 
-/// Returns some nodes of a graph: consecutive ones in the text, ones that depend on each other, or arbitrary ones.
+/// Returns some nodes of a graph: consecutive nodes in the text, nodes that depend on each other, or arbitrary nodes.
 fn random_nodes(sketch: &Sketch, rng: &mut impl RngExt) -> Vec<String> {
     let names: Vec<_> = sketch.nodes.iter().map(|node| node.name.clone()).collect();
     let count = rng.random_range(1..=names.len().min(6));
@@ -51,7 +51,7 @@ fn random_nodes(sketch: &Sketch, rng: &mut impl RngExt) -> Vec<String> {
     }
 }
 
-/// Returns true if these nodes are consecutive in the text.
+/// Returns true if the nodes are next to each other in the text.
 fn is_run(sketch: &Sketch, nodes: &[String]) -> bool {
     let places = BTreeSet::from_iter(
         nodes.iter().filter_map(|name| sketch.nodes.iter().position(|node| node.name == *name)),
@@ -59,8 +59,8 @@ fn is_run(sketch: &Sketch, nodes: &[String]) -> bool {
     places.last().zip(places.first()).is_some_and(|(last, first)| last - first < places.len())
 }
 
-/// Returns a text in canonical form in which each link has one spelling. A link to the first output of a node may be written as
-/// `node.output` or as `node`. For each link in `outputs`, this function uses `node`.
+/// Returns a text in canonical form in which each of the links `outputs` is shortened from `node.output` to `node`. Both forms mean the
+/// first output of the node.
 fn one_spelling(path: &Path, text: &str, outputs: &BTreeSet<String>) -> String {
     let mut text = maquette::edit::format_text(path, text).unwrap();
     for output in outputs {
@@ -70,7 +70,7 @@ fn one_spelling(path: &Path, text: &str, outputs: &BTreeSet<String>) -> String {
     text
 }
 
-/// Returns the links of the form `node.output` whose node is also linked by its name alone.
+/// Returns the links of the form `node.output` whose node is elsewhere linked as `node`.
 fn twice_spelled(text: &str, sketch: &Sketch) -> BTreeSet<String> {
     let links = sketch.links.iter().map(|(_, link)| link.clone());
     let links = links.filter(|link| {
@@ -99,7 +99,7 @@ fn graph(path: &Path, text: &str, options: &Options) -> Graph {
     checked.graph.unwrap_or_else(|| panic!("{}\n{text}", diagnostics_text(&checked.diagnostics)))
 }
 
-/// Checks the laws that an extraction must satisfy.
+/// Checks the laws that an extraction of nodes must satisfy.
 fn judge(path: &Path, text: &str, nodes: &[String], new: &ExtractedGraph) -> Result<(), String> {
     fn holds(what: bool, words: String) -> Result<(), String> {
         if what { Ok(()) } else { Err(words) }
@@ -110,8 +110,8 @@ fn judge(path: &Path, text: &str, nodes: &[String], new: &ExtractedGraph) -> Res
         maquette::edit::format_text(path, text).unwrap()
     }
     holds(form(&new.text, path) == new.text, format!("the new graph has no form:\n{}", texts()))?;
-    // Links to the new node are longer than the links that they replace, so entries with such links may no longer fit on one line.
-    // Therefore only the entry of the new node must have canonical form.
+    // Check only that the entry of the new node is in canonical form. Links to the new node are longer than those that they replace, so
+    // other entries may no longer fit on one line.
     fn own_text(text: &str, name: &str, kind: &str) -> (usize, String) {
         let start = text.find(&format!("        \"{name}\": {kind}(")).unwrap();
         let first = text[start..].lines().next().unwrap();

@@ -1,4 +1,4 @@
-//! Renaming changes a name wherever it is used.
+//! Edits that rename a node, input or parameter wherever the name is used.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Generates valid values for the nodes and parameters of a graph from their schemas.
+//! Generates valid values for the fields of nodes and for parameters, from their JSON schemas.
 
 use std::sync::OnceLock;
 
@@ -7,21 +7,21 @@ use serde_json::Value as Json;
 use super::catalog;
 use super::sketch::{Sketch, named_parts, parts};
 
-/// Returns the schema of a node type, or `None` if `kind` is a used graph.
+/// Returns the JSON schema of a node type. Returns `None` if `kind` is a graph that the file uses.
 fn node_type(kind: &str) -> Option<&'static Json> {
     static NODES: OnceLock<Json> = OnceLock::new();
     let nodes = NODES.get_or_init(|| catalog().to_json()["nodes"].take());
     nodes.as_array()?.iter().find(|node| node["name"] == kind)
 }
 
-/// Splits a target `node.field.path`: returns the schema of the node's type, and `field.path`.
+/// Splits a target of the form `node.field.path`. Returns the JSON schema of the node's type, and `field.path`.
 fn of_target<'t>(sketch: &Sketch, target: &'t str) -> Option<(&'static Json, &'t str)> {
     let (name, field) = target.split_once('.')?;
     let node = sketch.nodes.iter().find(|node| node.name == name)?;
     Some((node_type(&node.kind)?, field))
 }
 
-/// Returns the linked ports that may lose their link: optional ports, and items of lists that have another link.
+/// Returns the linked ports whose link may be removed: optional ports, and items of lists with several links.
 pub(crate) fn free_ports(sketch: &Sketch) -> Vec<String> {
     fn is_free(port: &str, sketch: &Sketch) -> Option<bool> {
         let (node, field) = of_target(sketch, port)?;
@@ -41,7 +41,7 @@ pub(crate) fn free_ports(sketch: &Sketch) -> Vec<String> {
     free.map(|(port, _)| port.clone()).collect()
 }
 
-/// Returns valid replacements of the value `old`, or only `old` itself if no other valid value is known.
+/// Returns values that are valid in place of `old`. If none is known, returns only `old`.
 pub(crate) fn values(sketch: &Sketch, target: &str, old: &str) -> Vec<String> {
     let found = match target.contains('.') {
         true => of_field(sketch, target),
@@ -74,7 +74,7 @@ fn of_field(sketch: &Sketch, target: &str) -> Option<Vec<String>> {
     }
 }
 
-/// Returns valid defaults for the declaration of a parameter, such as `Number(default: 1.0, min: 0.0)`.
+/// Returns valid default values for the declaration of a parameter, such as `Number(default: 1.0, min: 0.0)`.
 fn of_parameter(declaration: &str) -> Option<Vec<String>> {
     let (kind, inside) = declaration.split_once('(')?;
     let fields = named_parts(inside.strip_suffix(')')?);
@@ -97,7 +97,7 @@ fn of_parameter(declaration: &str) -> Option<Vec<String>> {
     }
 }
 
-/// Returns some numbers between two bounds.
+/// Returns some numbers from `least` to `most`. They are whole numbers if `whole` is true.
 fn numbers(least: Option<f64>, most: Option<f64>, whole: bool) -> Vec<String> {
     let inside =
         |x: &f64| least.is_none_or(|least| least <= *x) && most.is_none_or(|most| *x <= most);

@@ -1,16 +1,16 @@
-//! A simple model of a graph's text, found by its lines and quotes only. It shares no code with the engine, so it can serve as a test
-//! oracle.
+//! A simple model of a graph's text, derived only from its lines and quotes. It shares no code with the engine, so tests can check the
+//! engine against it.
 
-/// The names that a graph's text defines, and the places that use them.
+/// The names that a graph's text declares, and where the text uses them.
 #[derive(Default)]
 pub(crate) struct Sketch {
     pub(crate) nodes: Vec<Node>,
-    /// Names of nodes, inputs and parameters. A parameter is named `params.nose` if a node is named `nose`, too.
+    /// The names of nodes, inputs and parameters. A parameter is named `params.nose` if there is also a node `nose`.
     pub(crate) names: Vec<String>,
     pub(crate) outputs: Vec<String>,
-    /// Strings in nodes that may be links: the path of the string (`node.field` or `node.field.2`), and its content.
+    /// The strings in nodes that may be links. Each has its path (`node.field` or `node.field.2`) and its content.
     pub(crate) links: Vec<(String, String)>,
-    /// All other values: their paths (`node.field`, or the name of a parameter) and their texts.
+    /// All other values. Each has its path (`node.field`, or the name of a parameter) and its text.
     pub(crate) fields: Vec<(String, String)>,
 }
 
@@ -18,7 +18,7 @@ pub(crate) struct Sketch {
 pub(crate) struct Node {
     pub(crate) name: String,
     pub(crate) kind: String,
-    /// The names and the values of the node's fields.
+    /// The name and the value of each field, as text.
     pub(crate) fields: Vec<(String, String)>,
 }
 
@@ -71,7 +71,7 @@ impl Sketch {
     }
 }
 
-/// Splits a text at the commas that are outside of brackets and quotes.
+/// Splits a text at the commas outside of brackets and quotes.
 pub(crate) fn parts(text: &str) -> Vec<String> {
     let (mut parts, mut depth, mut in_text) = (vec![String::new()], 0_usize, false);
     for c in text.chars() {
@@ -91,7 +91,7 @@ pub(crate) fn parts(text: &str) -> Vec<String> {
     trimmed.filter(|part| !part.is_empty()).collect()
 }
 
-/// Splits a text at its outermost commas into pairs of a name and a value.
+/// Splits a text at the commas outside of brackets and quotes into pairs of a name and a value.
 pub(crate) fn named_parts(text: &str) -> Vec<(String, String)> {
     parts(text)
         .into_iter()
@@ -106,7 +106,7 @@ pub(crate) fn named_parts(text: &str) -> Vec<(String, String)> {
         .collect()
 }
 
-/// Returns the comments of a text. Assumes that no string continues over several lines.
+/// Returns the comments of a text. Assumes that no string spans several lines.
 pub(crate) fn comments(text: &str) -> Vec<&str> {
     text.lines().filter_map(comment).collect()
 }

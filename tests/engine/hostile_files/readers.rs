@@ -1,4 +1,4 @@
-//! Lists all readers of files with small valid files for each, and damages these files. The fuzz targets use the same table.
+//! Lists all readers of files, with some small valid files for each, and damages these files. The fuzz targets use the same list.
 
 use maquette::format::camera::CameraFile;
 use maquette::format::{
@@ -8,13 +8,13 @@ use maquette::rng::Random;
 use maquette::value::{Mesh, Points};
 use maquette::{InputFile, Value};
 
-/// A reader of files. The value that it reads is dropped: the tests only check that it neither panics, hangs nor uses much memory.
+/// A reader of files. Its result is ignored: the tests only check that it does not panic, hang or use much memory.
 pub(crate) struct Reader {
-    /// The file format and the type of the value that is read.
+    /// The file format, and the type of the values that are read.
     pub(crate) name: &'static str,
-    /// Reads a file and discards the value.
+    /// Reads a file and ignores the result.
     pub(crate) read: fn(&[u8]),
-    /// Valid files, from which damaged ones are made.
+    /// Valid files. The tests damage copies of them.
     pub(crate) seeds: &'static [&'static [u8]],
 }
 
@@ -32,7 +32,7 @@ const CAMERA: &[u8] = br#"{"units": "mm", "color": {"width": 16, "height": 12, "
 
 const SOLID: &[u8] = b"solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid";
 
-/// A mesh and its material in one file.
+/// An OBJ mesh and its material library in one file.
 const MATERIAL: &[u8] =
     b"mtllib a.mtl\nusemtl skin\nnewmtl skin\nmap_Kd -s 1 1 1 -clamp on a.png\n";
 
@@ -41,7 +41,7 @@ const PATCH: &[u8] = b"v 0 0 0\nv 1 0 0 1 0.5 0\nv 1 1 0\nv 0 1 0 \\\nvt 0 0\nvt
 const SPLINE: &[u8] = b"v 0 0 0 1\nv 1 0 0 0.5\nv 1 1 0 2\nv 0 1 0 1\ncstype rat bspline\ndeg 2\n\
     curv 0 2 1 2 3 -1\nparm u 0 0 0 1 \\\n 2 2 2\nend\n";
 
-/// A scene that refers to a buffer and a texture in other files.
+/// A glTF scene that refers to a buffer and a texture in other files.
 const SCENE: &[u8] = br#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0, "scale": [1, 2, 1]}],
     "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}]}],
     "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [1, 0.5, 1, 1]}}],
@@ -51,7 +51,7 @@ const SCENE: &[u8] = br#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"
     "indices": {"bufferView": 1, "componentType": 5121}, "values": {"bufferView": 0}}},
     {"bufferView": 1, "byteOffset": 0, "componentType": 5126, "count": 3, "type": "VEC2"}]}"#;
 
-/// Reads bytes as a file of this name. If the file refers to other files, each of them has the same bytes.
+/// Reads bytes as a file with this name. If the file refers to other files, each of those also has these bytes.
 fn by_name<T: Value>(name: &str, bytes: &[u8]) {
     drop(maquette::format::read::<T>(&InputFile::new(name, bytes, &|_| Ok(bytes.into()))));
 }
@@ -163,8 +163,8 @@ pub(crate) const READERS: &[Reader] = &[
     Reader { name: "xyz", read: |bytes| drop(xyz::read(bytes)), seeds: seeds!("points.xyz") },
 ];
 
-/// Returns the file with corrected checksums of its pages; readers would otherwise refuse most damaged files at once. Each checksum is the
-/// CRC-32C of the 1020 bytes before it, big-endian.
+/// Corrects the checksums of the file's pages. Otherwise readers would refuse most damaged files at once. Each checksum is the CRC-32C of
+/// the 1020 bytes before it, big-endian.
 fn seal(bytes: &[u8]) -> Vec<u8> {
     const PAGE: usize = 1024;
     let mut file = bytes.to_vec();
@@ -184,7 +184,7 @@ fn eight_by_six() -> Option<CameraFile> {
     camera::read(br#"{"fx": 10, "fy": 10, "cx": 3.5, "cy": 2.5}"#).ok()
 }
 
-/// Damages a valid file of the reader. `case` is the seed of the random changes.
+/// Returns a damaged copy of a valid file of the reader. `case` is the seed of the random damage.
 pub(crate) fn spoil(reader: &Reader, case: u64) -> Vec<u8> {
     let mut random = Random(case);
     let mut file = random.pick(reader.seeds).to_vec();
@@ -200,7 +200,7 @@ pub(crate) fn spoil(reader: &Reader, case: u64) -> Vec<u8> {
             2 => file[at] = b'0' + random.next_below(10) as u8,
             3 => file.truncate(at),
             4 => drop(file.drain(at..at + length)),
-            // Insert a copy of a piece of the file at another position.
+            // Insert a copy of a part of the file at another position.
             5 => {
                 let piece = file[at..at + length].to_vec();
                 let to = random.next_below(file.len());
@@ -222,7 +222,7 @@ pub(crate) fn spoil(reader: &Reader, case: u64) -> Vec<u8> {
                 let word = random.pick(&words).to_vec();
                 file.splice(at..at + length, word);
             }
-            // Join the start of one file and the end of another.
+            // Join the beginning of this file and the end of another one.
             _ => {
                 let other = random.pick(reader.seeds);
                 let from = random.next_below(other.len());
@@ -234,7 +234,7 @@ pub(crate) fn spoil(reader: &Reader, case: u64) -> Vec<u8> {
     file
 }
 
-/// Random choice of an item of a list.
+/// Picks a random item of a list.
 trait Pick {
     fn pick<'a, T>(&mut self, items: &'a [T]) -> &'a T;
 }

@@ -1,4 +1,4 @@
-//! A type error shows both ends of the link: the port that is linked, and the source of the value.
+//! A type error shows both ends of the link: the port that is linked, and the output from which the value comes.
 
 use std::path::Path;
 

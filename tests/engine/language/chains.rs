@@ -1,4 +1,4 @@
-//! Chains of uses of one graph that contains a `ForEach` over data. Each use works on the result of the previous one.
+//! Chains of nodes that use the same graph, which contains a `ForEach` over data. Each node works on the result of the previous one.
 
 use std::time::{Duration, Instant};
 
@@ -6,13 +6,13 @@ use maquette::value::Mesh;
 use maquette::{Options, Run, RunResult, Session, Settings};
 use maquette_nodes::PACKS;
 
-/// Moves each part of a mesh and merges the results. `ALL` is replaced by the list of meshes to merge.
+/// A graph that moves each part of a mesh and merges the results. `ALL` is replaced by the list of meshes to merge.
 const LIB: &str = r#"Graph(format: 1, inputs: { "mesh": Mesh(doc: "It.") }, nodes: {
     "each": ForEach(graph: "Transform", over: Parts("mesh"), with: (translate: (100, 0, 0))), "all": Merge(meshes: ALL),
 }, outputs: { "all": "all" })"#;
 
-/// Runs a chain of `count` uses of the library graph. `all` is the list of meshes that each use merges, and `first` defines the node `n0`,
-/// where the chain begins.
+/// Runs a chain of `count` nodes that use the graph `LIB`. `all` is the list of meshes that each of them merges. `first` defines the node
+/// `n0`, at which the chain begins.
 fn run(count: usize, all: &str, first: &str) -> (RunResult, Duration) {
     let folder = tempfile::tempdir().unwrap();
     fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
@@ -63,7 +63,7 @@ fn a_chain_four_times_as_long_takes_some_four_times_as_long() {
 
 #[test]
 fn counts_that_are_guessed_wrongly_are_found_out() {
-    // Each use doubles the number of parts.
+    // Each node of the chain doubles the number of parts.
     let (done, _) = run(6, "[\"each\", \"mesh\"]", TWO);
     assert_eq!((faces(&done), done.diagnostics().len()), (128, 0));
     let (done, _) = run(3, "[\"each\", \"mesh\", \"mesh\"]", TWO);

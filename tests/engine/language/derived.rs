@@ -21,7 +21,7 @@ const WIDE: &str = r#"        "half": Number(default: Expr("width / 2 + 1"), max
         "width": Number(default: cm(1), unit: "mm", doc: "w"),
 "#;
 
-/// Returns the mesh's translation along x, or the diagnostics.
+/// Loads a graph that moves a mesh. Returns the translation along x, or the diagnostics.
 fn relocate(text: &str, options: &Options) -> Result<String, Vec<Diagnostic>> {
     let options = Options { files: Files::Ignored, ..options.clone() };
     let checked =
@@ -147,7 +147,7 @@ fn each_use_has_its_own_values() {
     let wrong = relocate(&outer(", width: 60"), &options).unwrap_err();
     assert_eq!(wrong[0].message, "parameter `half` is 30, but must be at most 9");
     assert_eq!(wrong[0].uses[0].name, "up");
-    // `half: 5.0` must not be removed. Without `width` it would equal the default of `half`, but with `width: 6` the default is 3.
+    // `half: 5.0` must not be removed as a default. It equals the default of `half` without `width`, but with `width: 6` the default is 3.
     let text = outer(", width: 6, half: 5.0");
     let options = Options { files: Files::Ignored, ..options };
     let short =

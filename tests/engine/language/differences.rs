@@ -1,4 +1,4 @@
-//! Compares graphs: a difference is reported only if a reader of the graphs would see one.
+//! Compares graphs. A difference is reported only if it matters to the meaning of the graphs.
 
 use std::path::PathBuf;
 
@@ -35,7 +35,7 @@ fn a_word_of_an_unknown_node_that_no_longer_names_a_node_is_the_same_word() {
     assert_eq!(differences(old, &new), [r#"node ball: removed: ReadMesh(path: "ball.ply")"#]);
 }
 
-/// A graph that refers to files in every possible way.
+/// A graph that refers to other files in every possible way.
 const READS: &str = r#"Graph(
     format: 1,
     use: { "Up": "lib/up.ron" },
@@ -48,7 +48,7 @@ const READS: &str = r#"Graph(
     outputs: { "a.ply": "a", "up.ply": "up" },
 )"#;
 
-/// Returns the differences of a graph in a project from the project's `graph.ron`, whose text is [`READS`].
+/// Returns the differences between the project's `graph.ron`, whose text is [`READS`], and another graph in the project.
 fn differences_in_a_project(name: &str, text: &str) -> Vec<String> {
     let folder = tempfile::tempdir().unwrap();
     let project = std::fs::canonicalize(folder.path()).unwrap();
@@ -106,7 +106,7 @@ fn paths_of_another_project_are_compared_as_they_are_written() {
     assert_eq!(Graph::differences(&old, &new, &Catalog::new(PACKS)).unwrap(), []);
 }
 
-/// Compares the same graph in two checkouts whose libraries differ.
+/// Returns the differences of the same graph in two checkouts with different library graphs.
 fn differences_of_checkouts(library: Option<&str>, other_library: Option<&str>) -> Vec<String> {
     const GRAPH: &str = r#"Graph(format: 1, use: { "L": "lib.ron" }, nodes: {
         "a": L(), "b": L(up_step: 2.0), "c": L(up_step: 3.0),

@@ -1,17 +1,17 @@
-//! Each sample in the documentation is a complete file: the tests check it and run it unchanged.
+//! Checks that each sample in the documentation is a complete file, which can be checked and run without changes.
 
 use std::fs;
 use std::path::Path;
 
 use maquette::{Catalog, Diagnostic, Options, Run, Session, Settings, test_graphs};
 
-/// A sample and the name of its file, relative to the folder of graphs.
+/// A sample, with the name of its file relative to the folder of graphs.
 struct Sample {
     name: String,
     text: String,
 }
 
-/// Returns the samples of each topic. If the first line of a sample is a comment with a file name, the sample gets this name.
+/// Returns the samples of each topic of the manual. If a sample begins with a comment that is a file name, it gets this name.
 fn samples() -> Vec<(String, Vec<Sample>)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../src/lsp/manual");
     let mut topics = Vec::new();
@@ -22,7 +22,7 @@ fn samples() -> Vec<(String, Vec<Sample>)> {
         }
         let topic = path.file_stem().unwrap().to_str().unwrap().to_owned();
         let text = fs::read_to_string(&path).unwrap();
-        // Samples for `maquette batch` contain `Sweep` and are tested together with the command.
+        // Leave out samples of sweeps, which are tested together with the command `maquette batch`.
         let samples = text.split("```ron\n").skip(1).filter(|rest| !rest.contains("Sweep(\n"));
         let samples = samples.enumerate().map(|(index, rest)| {
             let text = rest.split("```").next().unwrap().to_owned();
@@ -40,7 +40,7 @@ fn samples() -> Vec<(String, Vec<Sample>)> {
     topics
 }
 
-/// Copies a folder of graphs without its tests and without the files that tests have written.
+/// Copies a folder of graphs, without its tests and the files that tests have written.
 fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for file in fs::read_dir(from).unwrap() {
@@ -82,7 +82,7 @@ fn every_sample_is_a_whole_file_that_runs() {
     assert!(graph_count > 10 && case_count > 4, "{graph_count} graphs, {case_count} cases");
 }
 
-/// Checks a graph and runs it. A graph with inputs is only checked: the sample that uses it also runs it.
+/// Checks and runs a graph. A graph with inputs is only checked, because the sample that uses it runs it, too.
 fn runs(path: &Path, text: &str) {
     let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory()).unwrap();
     let checked = session.load(path, &Options::default());
@@ -97,7 +97,7 @@ fn runs(path: &Path, text: &str) {
     }
 }
 
-/// Runs a test sample and returns the number of its cases. The only failure of each case must be its missing golden.
+/// Runs a sample of a test file, and returns the number of its cases. Each case may fail only because its golden is missing.
 fn run_sample(folder: &Path, sample: &Sample) -> usize {
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let run = test_graphs(&folder.join(&sample.name), &catalog, 1).unwrap();

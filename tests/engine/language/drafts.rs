@@ -1,4 +1,4 @@
-//! Any parameter may have the value `Draft(final: .., draft: ..)`, and a final run never uses a draft result.
+//! Drafts: any parameter can have the value `Draft(final: .., draft: ..)`. A final run must never use a result of a draft run.
 
 use std::path::{Path, PathBuf};
 
@@ -32,7 +32,7 @@ fn load(options: &Options) -> Graph {
     checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics))
 }
 
-/// Runs a graph and returns the number of faces, the position of the first moved vertex, and the state of each node.
+/// Runs a graph. Returns the number of faces, the position of the first moved vertex, and the state of each node.
 fn run(session: &mut Session, options: &Options) -> (usize, f64, Vec<(String, State)>) {
     let done = session.run(&load(options), &Run::default()).unwrap();
     assert!(done.diagnostics().is_empty(), "{:?}", done.diagnostics());
@@ -55,11 +55,11 @@ fn a_final_run_never_reads_what_a_draft_gave() {
     fn is_computed(states: &[(String, State)], name: &str) -> bool {
         states.iter().any(|(known, state)| known == name && *state == State::Computed)
     }
-    // `plain` is the only node that no draft value affects. It was computed in the first run and is cached in the second; all other nodes
-    // are computed again.
+    // `plain` is the only node that no draft value affects. It runs in the first run and is cached in the second one. All other nodes run
+    // again.
     assert!(is_computed(&draft.2, "plain") && !is_computed(&last.2, "plain"));
     assert!(is_computed(&last.2, "skin") && is_computed(&last.2, "moved"));
-    // Each mode finds its own results again. A session that never ran in draft mode gives the same final result.
+    // Each mode finds its own cached results. A session that never ran a draft gives the same final result.
     assert_eq!(
         (run(&mut session, &options(true)).0, run(&mut session, &options(false)).0),
         (draft.0, last.0)
@@ -171,7 +171,7 @@ fn a_draft_of_what_is_left_out_keeps_the_default_as_the_final_value() {
         ("moved.rotate", "(0, 0, 90)", "rotate: Draft(final: (0.0, 0.0, 0.0), draft: (0, 0, 90))"),
         ("red.invert", "true", "invert: Draft(final: false, draft: true)"),
         ("red.select.distance", "5", "distance: Draft(final: 15.0, draft: 5)"),
-        // If a value in a use of a graph is set for drafts, its final value is the default of the used graph's parameter.
+        // If a draft value is set in a node that uses a graph, the final value is the default of that graph's parameter.
         ("fine.steps", "0", "steps: Draft(final: 3, draft: 0)"),
         ("all.with.steps", "0", "steps: Draft(final: 3, draft: 0)"),
         ("all/1.steps", "0", "[(steps: Draft(final: 3, draft: 0)), (steps: 2)]"),
@@ -185,7 +185,7 @@ fn a_draft_of_what_is_left_out_keeps_the_default_as_the_final_value() {
     let edited = edit(&patch, "moved.rotate", "(0, 0, 90)").unwrap();
     let put = r#""moved": (rotate: Draft(final: (0.0, 0.0, 0.0), draft: (0, 0, 90)))"#;
     assert!(edited.text.contains(put), "{}", edited.text);
-    // A file path has no default, or its default is relative to another file.
+    // A draft value cannot be set for a file path: it has no default, or the default is relative to another file.
     for target in ["fine.file", "all.with.file"] {
         let refused = edit(&graph, target, "b.obj").unwrap_err();
         assert!(

@@ -1,4 +1,4 @@
-//! `ForEach` over data: runs a node or graph for each component, point, part or hole, however many exist.
+//! `ForEach` over data: repeats a node or graph for each component, point, part or hole, however many there are.
 
 use std::path::PathBuf;
 
@@ -40,7 +40,7 @@ fn session() -> Session {
     .unwrap()
 }
 
-/// A folder for graph files.
+/// A temporary folder for graph files.
 struct Folder(tempfile::TempDir);
 
 impl Folder {
@@ -67,19 +67,19 @@ impl Folder {
     }
 }
 
-/// Returns a graph with these fields.
+/// Loads a graph with these fields.
 fn graph(fields: &str) -> Graph {
     let folder = Folder::new();
     folder.put("graph.ron", fields);
     folder.load()
 }
 
-/// Returns labels in one row of pixels: spot `k` is `widths[k]` pixels wide and begins at pixel `10 * k`.
+/// Creates labels in a single row of pixels. The spot with the index `k` is `widths[k]` pixels wide and begins at the pixel `10 * k`.
 fn spots(widths: &[u32]) -> AnyValue {
     let mut row = Vec::new();
     for (spot, &width) in (1..).zip(widths) {
         row.extend(std::iter::repeat_n(spot, width as usize));
-        // Each spot begins at a fixed position, so changing the width of one spot does not move the others.
+        // Let each spot begin at a fixed position, so that changing the width of one does not move the others.
         row.resize(10 * spot as usize, 0);
     }
     AnyValue::new(Labels::new(row.len(), 1, row).unwrap())
@@ -108,7 +108,7 @@ fn messages(finished: &RunResult) -> Vec<String> {
     finished.diagnostics().into_iter().map(|problem| problem.message).collect()
 }
 
-/// Returns the x coordinates of the points of an output.
+/// Returns the x coordinates of the points in an output.
 fn along_x(finished: &RunResult, name: &str) -> Vec<f64> {
     let points = finished.get::<Points>(name).unwrap_or_else(|why| {
         panic!("{why}: {:?}", messages(finished));
@@ -116,7 +116,7 @@ fn along_x(finished: &RunResult, name: &str) -> Vec<f64> {
     points.positions().iter().map(|point| point.x).collect()
 }
 
-/// Returns the names of the computed nodes of a type.
+/// Returns the names of the nodes of this type that were computed.
 fn computed_nodes(finished: &RunResult, kind: &str) -> Vec<String> {
     let trace = finished.trace().0.into_iter();
     let computed = trace.filter(|node| node.node == kind && node.state == State::Computed);
@@ -152,7 +152,7 @@ fn one_of_20_elements_changed_runs_one_body() {
     let changed = run(&mut session, &graph, "labels", spots(&widths));
     assert_eq!(computed_nodes(&changed, "Center"), ["spots/7"]);
     assert_eq!(along_x(&changed, "all")[6], 62.0);
-    // Removing an element changes the numbers of those after it, but not their results.
+    // Removing an element changes the numbers of the elements after it, but not their results.
     let [_, rest @ ..] = widths;
     let mut labels = vec![0; 10];
     labels.extend(spots(&rest).get::<Labels>().unwrap().pixels());
@@ -164,7 +164,7 @@ fn one_of_20_elements_changed_runs_one_body() {
     assert!(computed_nodes(&fewer, "Center").is_empty());
 }
 
-/// Tests a run with more than a thousand small results, of which only the first thousand are stored on disk.
+/// Tests a run with more than a thousand small results. Only the first thousand of them are stored on disk.
 #[test]
 fn who_looks_at_one_node_forgets_no_element() {
     let graph = graph(
@@ -181,7 +181,7 @@ fn who_looks_at_one_node_forgets_no_element() {
     let inputs = InputValues::from([("points".to_owned(), points)]);
     let cache = tempfile::tempdir().unwrap();
     let folder = CacheFolder::At(cache.path().join("cache"));
-    // Each call uses a new session, like a separate process.
+    // Uses a new session in each call, like a separate process.
     let then = |wanted: Option<Targets>| {
         let settings = Settings { threads: 2, cache: folder.clone(), ..Settings::in_memory() };
         let mut session = Session::new(&[&maquette::format::PACK, &PACK], &settings).unwrap();
@@ -198,8 +198,8 @@ fn who_looks_at_one_node_forgets_no_element() {
     then(Some(Targets::Outputs));
     let known = then(None);
     assert!(known[0].contains("does not run"), "{known:?}");
-    // Accepts two answers of `why`. Normally the node takes too little time for its result to be stored on disk, but on a busy machine it
-    // may take long enough.
+    // Accepts two answers of `why`. The node usually takes so little time that its result is not stored on disk. On a busy machine it may
+    // take long enough to be stored.
     fn is_known(why: &str) -> bool {
         why.contains("does not run") || why.contains("too short to be stored")
     }

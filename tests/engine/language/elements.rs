@@ -1,5 +1,5 @@
-//! `set` and patches accept targets such as `copies/1.scale`, an item of a `ForEach` list. If the value is written elsewhere, the error
-//! says where.
+//! Edits and patches can set an item of a `ForEach` list, with a target such as `copies/1.scale`. If the value must be set elsewhere, the
+//! error says where.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ fn folder() -> tempfile::TempDir {
     folder
 }
 
-/// Sets a value; returns the new text and the target as it is named in this text, or the error.
+/// Sets a value. Returns the new text and the name of the target in it, or the error.
 fn set(path: &Path, target: &str, value: &str) -> Result<(String, String), String> {
     let edit = Edit::Set { target: target.to_owned(), value: value.to_owned() };
     let text = std::fs::read_to_string(path).unwrap();

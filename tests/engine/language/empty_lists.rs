@@ -1,10 +1,10 @@
-//! Ports that accept many values and get none, for example from a `ForEach` over data without elements.
+//! Ports that accept many values but get none, for example from a `ForEach` over data without elements.
 
 use maquette::value::Mesh;
 use maquette::{Catalog, Graph, Options, Run, Session, Settings};
 use maquette_nodes::PACKS;
 
-/// Runs a graph; returns its output `out.ply`, if it exists, and the messages.
+/// Runs a graph. Returns its output `out.ply`, if there is one, and the messages.
 fn run(fields: &str) -> (Option<Mesh>, Vec<String>) {
     let folder = tempfile::tempdir().unwrap();
     let promising = r#"Graph(format: 1, inputs: { "mesh": Mesh(doc: "It.") }, nodes: { "all": Merge(meshes: []) },

@@ -1,4 +1,4 @@
-//! Names with hyphens. In uses of graphs, the corresponding fields have underscores instead.
+//! Names with hyphens. Where a graph is used, the corresponding fields have underscores instead.
 
 use maquette::value::Mesh;
 use maquette::{Catalog, Diagnostic, Edit, Graph, Options, Run, Session, Settings};
@@ -29,7 +29,7 @@ const USING: &str = r#"Graph(
     outputs: { "a.ply": "all" },
 )"#;
 
-/// Removes the hyphens from the names in a text, and the underscores from the fields that correspond to these names.
+/// Removes the hyphens from names in a text, and the underscores from the fields that correspond to these names.
 fn underscore_names(text: &str) -> String {
     let names = [("the-mesh", "the_mesh"), ("other-one", "other_one"), ("eye-step", "eye_step")];
     names.iter().fold(text.to_owned(), |text, (name, field)| {
@@ -48,7 +48,7 @@ impl Place {
         place
     }
 
-    /// Loads the graph `using` beside the graph `up` that it uses.
+    /// Loads the graph `using`, which uses the graph `up` in the same folder.
     fn load(&self, up: &str, using: &str) -> Result<Graph, Vec<Diagnostic>> {
         fn path(name: &str, folder: &tempfile::TempDir) -> std::path::PathBuf {
             folder.path().join(name)

@@ -1,4 +1,4 @@
-//! The expectations of a graph with inputs are checked wherever the graph is used, and failures are reported at the use.
+//! The expectations of a graph with inputs are checked wherever that graph is used. Failures are reported at the node that uses it.
 
 use std::path::{Path, PathBuf};
 
@@ -50,7 +50,7 @@ impl Project {
         checked.graph.unwrap_or_else(|| panic!("{:#?}", checked.diagnostics))
     }
 
-    /// Runs `graph.ron` for these targets and returns the messages.
+    /// Runs `graph.ron` for these targets. Returns the messages.
     fn run_messages(&mut self, wanted: Targets) -> Vec<String> {
         let graph = self.load("graph.ron");
         let finished =
@@ -129,7 +129,7 @@ fn each_element_of_data_is_judged_and_its_example_is_not() {
     let of_the_second =
         expected.map(|it| format!("graph.ron:4 G020 {}", it.replace("`a.", "`caps/2.")));
     assert_eq!(told, of_the_second);
-    // If a `ForEach` has no elements, nothing is checked, not even the placeholder that is used in place of an element.
+    // Without elements, a `ForEach` checks nothing, not even the example element that is used in their place.
     std::fs::write(project.path("closed.obj"), "").unwrap();
     std::fs::write(project.path("open.obj"), "").unwrap();
     assert!(!project.run_messages(Targets::Outputs).iter().any(|told| told.contains("G020")));
@@ -173,7 +173,7 @@ fn a_use_that_nothing_needs_expects_nothing() {
     let nodes = r#""a": Cap(mesh: "open"), "b": Cap(mesh: "closed"), "out": Switch(cases: { "a": "a", "b": "b" }, choose: b)"#;
     let mut project = Project::new(&graph(nodes, r#""out.ply": "out""#));
     assert_eq!(project.run_messages(Targets::Outputs), [""; 0]);
-    // If outputs are requested by name, expectations of their uses are still checked, without computing anything else.
+    // If outputs are requested by name, the expectations of the used graphs are still checked. Nothing else is computed for that.
     assert_eq!(project.run_messages(Targets::Named(vec!["a.skin".into()])).len(), 2);
     assert_eq!(project.run_messages(Targets::Nodes(vec!["a".into()])), [""; 0]);
 }

@@ -1,4 +1,5 @@
-//! A node that needs too much memory is refused before it starts, a node that fits later waits, and a node that does not stop is reported.
+//! Limits of nodes. A node that needs too much memory is refused before it starts, a node that fits later waits, and a node that does not
+//! stop is reported.
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -25,7 +26,7 @@ struct Hold {
     after: Option<In<Mask>>,
 }
 
-/// The summed memory estimate of the nodes that are running now, in kilobytes. `MOST` is its maximum.
+/// The total memory estimate of the nodes that are running (`UNDER_WAY`) and its maximum so far (`MOST`), in kilobytes.
 static UNDER_WAY: AtomicUsize = AtomicUsize::new(0);
 static MOST: AtomicUsize = AtomicUsize::new(0);
 
@@ -43,7 +44,7 @@ impl Node for Hold {
         MOST.fetch_max(now, Ordering::SeqCst);
         std::thread::sleep(Duration::from_millis(30));
         UNDER_WAY.fetch_sub(kb, Ordering::SeqCst);
-        // The mask is slightly smaller than the estimate.
+        // Make the mask slightly smaller than the estimate.
         let pixels = vec![self.seed % 2; kb * 1000 - 500];
         Ok((Mask::new(kb * 1000 - 500, 1, pixels)?,))
     }
@@ -68,7 +69,7 @@ impl Node for Deaf {
 
 const PACK: Pack = Pack { name: "greedy", nodes: &[node::<Hold>(), node::<Deaf>()], ..Pack::EMPTY };
 
-/// Only one test runs at a time, because the tests share the counters.
+/// A lock that lets only one test run at a time, because the tests share the counters.
 static ALONE: Mutex<()> = Mutex::new(());
 
 fn graph(nodes: &str) -> Graph {
@@ -79,7 +80,7 @@ fn graph(nodes: &str) -> Graph {
     checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics))
 }
 
-/// Returns an evaluator with four threads and one megabyte of memory for results.
+/// Creates an evaluator with four threads and a limit of one megabyte for results and running nodes together.
 fn megabyte() -> Evaluator {
     Evaluator::new(4, 1 << 30).unwrap().with_max_memory(1_000_000)
 }
@@ -120,7 +121,7 @@ fn a_node_that_needs_too_much_is_refused_with_numbers_and_the_rest_goes_on() {
 fn nodes_that_fit_one_after_the_other_wait_for_each_other() {
     let _alone = ALONE.lock();
     MOST.store(0, Ordering::SeqCst);
-    // The results of earlier evaluations are not needed anymore and are dropped.
+    // The results of earlier evaluations are not needed any more and must be dropped.
     let nodes = (0..8).map(|seed| format!("\"n{seed}\": Hold(kb: 400, seed: {seed}), "));
     let graph = graph(&nodes.collect::<String>());
     let mut evaluator = megabyte();
@@ -131,7 +132,7 @@ fn nodes_that_fit_one_after_the_other_wait_for_each_other() {
     }
     assert!(evaluator.memory() <= 1_000_000, "{}", evaluator.memory());
 
-    // The four needed results do not fit into memory together, but two of them do.
+    // Two of the four needed results fit into memory together, but not all four.
     let pairs = r#""a": Hold(kb: 300, seed: 9), "b": Hold(kb: 300, seed: 10), "c": Hold(kb: 300, seed: 11), "d": Hold(kb: 300, seed: 12),
         "x": Hold(kb: 1, after: "a"), "y": Hold(kb: 1, seed: 1, after: "b"), "z": Hold(kb: 1, seed: 2, after: "c"), "w": Hold(kb: 1, seed: 3, after: "d")"#;
     let graph = self::graph(pairs);
@@ -157,7 +158,7 @@ fn what_nobody_needs_makes_way_before_anything_is_refused() {
 #[test]
 fn values_that_nodes_still_need_count() {
     let _alone = ALONE.lock();
-    // The result of `first` must stay in memory until its dependents end, so there is never enough memory for `second`.
+    // The result of `first` must stay in memory until the nodes that use it have ended. So there is never enough memory for `second`.
     let graph = graph(
         r#""first": Hold(kb: 700), "second": Hold(kb: 700, seed: 1, after: "first"), "last": Hold(kb: 1, after: "second")"#,
     );
@@ -170,7 +171,7 @@ fn values_that_nodes_still_need_count() {
     assert!(message.contains("would need 700 kB, 700 kB are held already"), "{message}");
 }
 
-/// An observer that records which nodes are reported as not stopping, and the times of the reports.
+/// An observer that records which nodes are reported because they do not stop, and when.
 struct Listening {
     cancel: CancelToken,
     began: Mutex<Option<Instant>>,

@@ -1,9 +1,9 @@
-//! A test that expects something of one value reports an error if the name refers to a list of values.
+//! An expectation about a single value is an error if its name refers to a list of values.
 
 use maquette::{Catalog, test_graphs};
 use maquette_nodes::PACKS;
 
-/// Returns the errors of a test with an expectation of the value `of`.
+/// Returns the errors of a test file with an expectation about the value `of`.
 fn check_messages(of: &str) -> Vec<String> {
     let folder = tempfile::tempdir().unwrap();
     fn write(name: &str, text: &str, folder: &tempfile::TempDir) {

@@ -1,4 +1,4 @@
-//! Tests the sample of a merge: two people's versions of one graph.
+//! Tests the example of a merge: two people's versions of one graph.
 
 use std::path::Path;
 

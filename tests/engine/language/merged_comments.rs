@@ -1,6 +1,6 @@
-//! Tests a law of merging: if one side adds or changes a comment and the other side does not, the result contains this comment exactly
-//! once. The positions are random in all graphs, and the other side makes random edits. `LAW_EDITS` is the number of edits, and
-//! `PROPTEST_RNG_SEED` selects them.
+//! Tests a law of merging. If only one side adds or changes a comment, the result contains that comment exactly once. The comments are at
+//! random positions in all graphs, and the other side makes random edits. The environment variable `LAW_EDITS` sets the number of edits,
+//! and `PROPTEST_RNG_SEED` sets the seed.
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use crate::ron_files::ron_files;
 
-/// Number of pairs of edits per graph if `LAW_EDITS` is not set.
+/// The number of pairs of edits per graph if `LAW_EDITS` is not set.
 const EDITS: u32 = 4;
 
 /// The kind of a token.
@@ -25,7 +25,7 @@ enum Piece {
     Other,
 }
 
-/// Splits a valid text into tokens; returns the kind, start and end of each.
+/// Splits a valid text into tokens. Returns the kind, start and end of each.
 fn pieces(text: &str) -> Vec<(Piece, usize, usize)> {
     let mut pieces = Vec::new();
     let mut at = 0;
@@ -64,7 +64,7 @@ fn pieces(text: &str) -> Vec<(Piece, usize, usize)> {
     pieces
 }
 
-/// Returns a text with a comment that contains `word`: it adds a comment, or changes an existing one.
+/// Returns the text with a new or changed comment that contains `word`.
 fn add_comment(text: &str, word: &str, [what, place, form]: &[Index; 3]) -> String {
     let pieces = pieces(text);
     let comments: Vec<_> = pieces.iter().filter(|it| it.0 == Piece::Comment).collect();
@@ -83,18 +83,18 @@ fn add_comment(text: &str, word: &str, [what, place, form]: &[Index; 3]) -> Stri
     format!("{}{comment}{}", &text[..at], &text[at..])
 }
 
-/// The parts of a text that a random edit leaves unchanged.
+/// The parts of a text that a random edit does not change.
 #[derive(Clone, Copy, PartialEq)]
 enum Leaves {
-    /// All comments stay at their positions, so merging must not cause a conflict.
+    /// All comments keep their positions, so merging must not cause a conflict.
     Places,
-    /// All comments stay, but may move.
+    /// All comments are kept, but may be moved.
     Comments,
-    /// Everything stays except for a removed node with its comments.
+    /// Everything is kept, except for a removed node and its comments.
     Rest,
 }
 
-/// Changes a number, renames a node, reformats the text, or removes a node.
+/// Makes a random edit: changes a number, renames a node, formats the text, or removes a node.
 fn edit_randomly(
     path: &Path,
     text: &str,
@@ -102,7 +102,7 @@ fn edit_randomly(
     catalog: &Catalog,
 ) -> (String, Leaves) {
     let pieces = pieces(text);
-    // Any number may be changed, except for the value of the field `format`.
+    // Any number can be changed, except the value of the field `format`.
     let is_free =
         |it: &&(Piece, usize, usize)| it.0 == Piece::Number && !text[..it.1].ends_with("format: ");
     let numbers: Vec<_> = pieces.iter().filter(is_free).collect();
@@ -205,7 +205,7 @@ fn both_comment(
     Ok(())
 }
 
-/// Tests a law on all graphs.
+/// Tests a law with random edits of all graphs.
 fn try_on_all(law: fn(&Path, &str, &Dice, &Catalog) -> Result<(), TestCaseError>) {
     let paths = ron_files(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs"));
     let number =

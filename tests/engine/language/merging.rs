@@ -1,5 +1,5 @@
-//! Merges two people's edits of one graph: the result contains the edits of both, and only a part that both changed differently is a
-//! conflict.
+//! Merges the edits of two people in one graph. The result contains the edits of both. A conflict is only a part that both have changed
+//! differently.
 
 use maquette::{Catalog, Files, Graph, Merge, Options, Source};
 
@@ -37,7 +37,7 @@ Graph(
 )
 "##;
 
-/// Replaces parts of a text; each part must occur once.
+/// Replaces parts of a text. Each part must occur exactly once.
 fn replace_each(text: &str, edits: &[(&str, &str)]) -> String {
     let mut text = text.to_owned();
     for (old, new) in edits {
@@ -57,7 +57,7 @@ fn merge(base: &str, ours: &str, theirs: &str) -> Merge {
 type Edits = &'static [(&'static str, &'static str)];
 
 /// The name of a case, the edits of one side, the edits of the other side, and the expected edits in the result. All edits are relative to
-/// the base. `None` means that the result has the edits of both sides.
+/// [`BASE`]. `None` means that the result contains the edits of both sides.
 struct Case(&'static str, Edits, Edits, Option<Edits>);
 
 const RED: &str = "color: \"#c33923\"";
@@ -184,8 +184,7 @@ fn what_both_mean_is_the_same_whoever_merges() {
         let (ours, theirs) = (replace_each(BASE, by_us), replace_each(BASE, by_them));
         let (one, other) = (merge(BASE, &ours, &theirs), merge(BASE, &theirs, &ours));
         assert_eq!(one.conflicts, other.conflicts, "{name}");
-        // Merging keeps expectations in their written order. The order has no effect, but the two merged texts may differ in it, so cases
-        // of expectations are not compared here.
+        // Do not compare cases about expectations: their order has no meaning, but the two merged texts may have them in different orders.
         if one.conflicts.is_empty() && !name.starts_with("expectations") {
             let found = Graph::differences(&source(one.text), &source(other.text), &catalog);
             assert_eq!(found, Ok(vec![]), "{name}");
@@ -210,7 +209,7 @@ fn a_problem_that_neither_side_had_is_told() {
             ),
         ],
     );
-    // A node with another name and another content is not a renamed node.
+    // A node with a new name and a new content is not a renamed node.
     let theirs =
         theirs.replace("Label(mask: \"red\", connectivity: Four)", "Outline(mask: \"red\")");
     let merged = merge(BASE, &ours, &theirs);
@@ -245,7 +244,7 @@ fn marks_end_their_lines_as_the_text_does() {
     assert!(marked.contains("\n=======\n"), "{marked}");
     let merged = merge(&windows(BASE), &windows(&ours), &windows(&theirs));
     assert_eq!(merged.text, windows(&marked));
-    // The result has the line endings of the side that changed them.
+    // The result must have the line endings of the side that has changed them.
     let far =
         windows(&replace_each(BASE, &[(FAR, "distance: 25.0"), (EIGHT, "connectivity: Four")]));
     let four = replace_each(BASE, &[(EIGHT, "connectivity: Four")]);
@@ -267,13 +266,13 @@ fn an_expression_that_both_together_would_turn_into_another_is_a_conflict() {
         assert_eq!(place, "\"growth-levels\"", "{}", merged.text);
         assert_eq!(merged.text.matches(FAR).count(), 1, "{}", merged.text);
     }
-    // With spaces, `growth - levels` is a difference of two parameters and not the new name `growth-levels`. `growth*levels` does not
-    // contain the new name at all. So there is no conflict.
+    // There is no conflict. With spaces, `growth - levels` is a difference of two parameters and not the new name `growth-levels`.
+    // `growth*levels` does not contain that name at all.
     for other in ["growth - levels", "growth*levels"] {
         let theirs = replace_each(BASE, &[(FAR, &format!("distance: Expr(\"{other}\")"))]);
         assert_eq!(merge(BASE, &ours, &theirs).conflicts, [""; 0]);
     }
-    // If one side both adds the parameter `growth-levels` and uses it in an expression, this is intended and not a conflict.
+    // If the same side adds the parameter `growth-levels` and uses it in an expression, this is intended, so there is no conflict.
     let both = replace_each(&ours, &[(FAR, "distance: Expr(\"growth-levels\")")]);
     let theirs = replace_each(BASE, &[(EIGHT, "connectivity: Four")]);
     assert_eq!(merge(BASE, &both, &theirs).conflicts, [""; 0]);
@@ -337,7 +336,7 @@ fn what_cannot_be_read_is_merged_by_lines_and_nothing_is_lost() {
     assert!(merged.by_lines && merged.conflicts == [""] && merged.diagnostics.is_empty());
     assert!(merged.text.contains("distance: 25.0") && merged.text.contains("connectivity: Four"));
     assert_eq!(merge(["", &ours, &ours], &catalog).text, ours);
-    // The base cannot be read, but both sides fixed it in the same way.
+    // The base cannot be parsed, but both sides have fixed it in the same way.
     assert_eq!(merge([&broken, &ours, &ours], &catalog).conflicts, [""; 0]);
 }
 
@@ -359,7 +358,7 @@ fn marks_of_a_merge_are_one_mistake_at_the_first_of_them() {
         assert_eq!(problem.message, "this file contains merge conflict markers");
         assert_eq!(&text[problem.span.start..problem.span.end], "<<<<<<< ours");
     }
-    // Markers in a string or a comment do not count.
+    // Conflict markers in a string or comment do not count.
     let told = replace_each(BASE, &[("    nodes: {\n", "    /*\n=======\n    */\n    nodes: {\n")]);
     assert_eq!(problems(&told, &catalog, &options), []);
     let told = problems(&replace_each(&told, &[(FAR, "distance: (20.0")]), &catalog, &options);
@@ -390,7 +389,7 @@ fn a_new_name_that_the_other_side_gave_to_something_new_is_a_conflict() {
         assert!(!merged.conflicts.is_empty(), "{}", merged.text);
         assert!(merged.text.contains("<<<<<<< ours") && merged.text.contains("distance: 9.0"));
     }
-    // Both sides use the new name `blue`, but for different items. This is a conflict if both items are nodes.
+    // Both sides use the new name `blue` for different items. This is a conflict if both items are nodes.
     let theirs = BASE.replace("\"spots\"", "\"blue\"");
     assert!(!merge(BASE, &ours, &theirs).conflicts.is_empty());
     let theirs = BASE.replace("\"growth\"", "\"blue\"");

@@ -1,4 +1,4 @@
-//! Graphs of old and unknown packs: renamed items keep their meaning, and unknown items keep their data.
+//! Graphs of old and unknown packs. Renamed items keep their meaning, and unknown items are kept.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -25,7 +25,7 @@ fn load(text: &str, catalog: &Catalog) -> maquette::CheckedGraph {
     Graph::load_text("graph.ron".as_ref(), text.into(), catalog, &ignoring_files())
 }
 
-/// A graph written for the first version of the pack.
+/// A graph that was written for the first version of the test pack.
 const OLD: &str = r#"// A poster.
 Graph(
     format: 1,
@@ -77,7 +77,7 @@ fn a_migrated_text_has_every_other_byte_as_it_was() {
     assert_eq!(Graph::migrate("graph.ron".as_ref(), &migrated, &catalog()).unwrap(), migrated);
 }
 
-/// A pack whose migrations rename built-in nodes and their fields, some of them twice.
+/// A pack whose migrations rename built-in nodes and their fields. Some are renamed twice.
 pub(super) const OLD_NAMES: Pack = Pack {
     name: "old",
     migrations: &[
@@ -102,7 +102,7 @@ pub(super) const OLD_NAMES: Pack = Pack {
     ..Pack::EMPTY
 };
 
-/// Each node in its old and its new form.
+/// Each node with its former names and with its present names.
 const NODES: [[&str; 2]; 9] = [
     [r#""scan": ReadCapture(color: "a.png", range: "a.pcd")"#; 2],
     [
@@ -136,7 +136,7 @@ const NODES: [[&str; 2]; 9] = [
     [r#""loop": Subdivide(mesh: "one", scheme: Loop, levels: 1)"#; 2],
 ];
 
-/// Returns the graph that contains all these nodes: in the new form if `now`, otherwise in the old form.
+/// Returns a graph that contains all nodes in `NODES`, with their present names if `now` is true, otherwise with their former names.
 pub(super) fn graph_of_nodes(now: bool) -> String {
     let nodes = NODES.iter().map(|node| node[usize::from(now)]).collect::<Vec<_>>().join(",\n    ");
     format!(
@@ -174,7 +174,7 @@ fn names_that_go_in_a_circle_come_to_an_end() {
     let _ = Graph::migrate("graph.ron".as_ref(), text, &catalog);
 }
 
-/// Checks the graphs of each release against their recorded identities.
+/// Checks that the graphs of each release still have the identity that was recorded for them.
 #[test]
 fn every_graph_of_every_release_is_read_and_means_what_it_meant() {
     let releases = std::fs::read_dir(Path::new(ROOT).join("tests/released")).unwrap();
@@ -228,7 +228,7 @@ fn the_rest_of_a_graph_with_an_unknown_node_is_made_and_the_pack_is_named() {
     let out = folder.path().join("out");
     let into = OutputFolder::new(Some(&out), &path);
     let produced = session.produce(&graph, &[], &into, &(), &Default::default()).unwrap();
-    // Diagnostics of the check are not reported again by the run.
+    // The run must not report the diagnostics of the check again.
     assert_eq!(produced.diagnostics, []);
     let written: Vec<_> = produced.written.iter().map(|file| &file.output[..]).collect();
     assert_eq!(written, ["big.ply"]);

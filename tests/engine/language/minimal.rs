@@ -1,4 +1,4 @@
-//! `fmt --minimal` removes values that equal their defaults.
+//! `fmt --minimal` removes values that equal their defaults, but keeps all comments.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ fn minimal(path: &Path, text: &str, catalog: &Catalog) -> String {
         .unwrap_or_else(|problems| panic!("{}: {problems:?}", path.display()))
 }
 
-/// Returns the words of all comments, in order.
+/// Returns the words of all comments in order.
 fn comments(text: &str) -> Vec<&str> {
     let mut words: Vec<_> =
         text.lines().filter_map(|line| Some(line.split_once("// ")?.1)).collect();
@@ -188,7 +188,7 @@ fn no_difference_is_told_and_no_gap_is_left_where_defaults_were() {
         Graph::differences(&source(old, path), &source(new, path), catalog).unwrap()
     }
     assert_eq!(differences(TEXT, &short, &path, &catalog), []);
-    // A default value in an element is not removed if it overrides a value that `with` sets for all elements.
+    // A default value in an element must stay if it overrides a value that `with` sets for all elements.
     let with = TEXT.replace("with: (translate: (0, 0, 0))", "with: (rotate: (0, 0, 9))");
     let told = differences(&with, &minimal(&path, &with, &catalog), &path, &catalog);
     assert_eq!(told, []);

@@ -1,4 +1,4 @@
-//! Values set from outside of a graph, by `--set`, a patch, or an edit, may use the former names of fields.
+//! Values that are set from outside of a graph (by `--set`, a patch or an edit) can use the former names of fields.
 
 use std::path::Path;
 
@@ -21,7 +21,7 @@ fn identity(checked: CheckedGraph) -> Hash {
     checked.graph.unwrap().identity()
 }
 
-/// Assignments with the former and the current name of a field: the target and the value.
+/// Assignments of a value to a field, by its former and by its present name. Each is a target and a value.
 const PUTS: [[(&str, &str); 2]; 7] = [
     [("one.gap", "0.8"), ("one.jump", "8.0")],
     [("two.step", "0.9"), ("two.jump", "0.9")],
@@ -132,6 +132,6 @@ fn an_edit_under_an_old_name_changes_the_field_that_it_names() {
         assert_eq!(line, expected, "{now} {target}");
         assert_eq!((&put.target[..], put.before.as_deref()), ("one.jump", Some("6.0")));
     }
-    // All other nodes stay unchanged, even those with former names.
+    // All other nodes must stay unchanged, even those with former names.
     assert!(set_value(false, "red.how.distance", "9.0", &catalog).0.contains("Grid("));
 }

@@ -1,4 +1,4 @@
-//! Patches: file paths in them and set from outside, duplicate names, and `set` for values that the patch does not have.
+//! Patches: file paths in patches and from outside, duplicate names, and edits that set values which the patch does not contain.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,7 +20,8 @@ const GRAPH: &str = r#"Graph(
 
 const PATCH: &str = "Patch(format: 1, of: \"../g.ron\"";
 
-/// A project with a graph that reads a mesh of three faces. The subfolder `sub` has a patch of the graph and meshes of two and one faces.
+/// A project with a graph that reads a mesh of three faces. The subfolder `sub` contains a patch of the graph, and meshes of two faces and
+/// of one face.
 struct Project(tempfile::TempDir);
 
 impl Project {
@@ -94,12 +95,12 @@ fn a_path_is_relative_to_the_file_in_which_it_is_written() {
     {
         let patch = project.patch(patch);
         assert_eq!(faces(&patch, &[]), 2, "{}", patch.display());
-        // `outer.ron` is a patch of this patch, in another folder. The path stays relative to the file in which it is written.
+        // `outer.ron` patches this patch from another folder. The path stays relative to the file that contains it.
         project
             .write("outer.ron", "Patch(format: 1, of: \"sub/patch.ron\", params: { \"far\": 2 })");
         assert_eq!(faces(&project.path("outer.ron"), &[]), 2);
     }
-    // Values that the patch does not set are those of the graph.
+    // A value that the patch does not set has the value of the graph.
     assert_eq!(faces(&project.patch("params: { \"far\": 2 }"), &[]), 3);
 }
 
@@ -110,7 +111,7 @@ fn a_path_that_is_set_is_relative_to_the_file_that_was_named() {
         for patch in
             ["nodes: { \"a\": (path: \"three.obj\") }", "params: { \"file\": \"three.obj\" }", ""]
         {
-            // The patch sets the field `path` directly, so the parameter `file` has no effect.
+            // A patch that sets the field `path` itself hides the parameter `file`, so setting `file` has no effect.
             if target == "file" && patch.contains("path") {
                 continue;
             }
@@ -173,7 +174,7 @@ fn a_name_that_stands_twice_in_a_patch_is_told_at_the_second_one_and_nothing_is_
     }
 }
 
-/// Sets a value in a patch. Returns the reported old value and the fields that the patch has after `of`.
+/// Sets a value in a patch. Returns the old value that the edit reports, and the fields after `of` in the new patch.
 fn set(
     project: &Project,
     patch: &str,
@@ -187,7 +188,7 @@ fn set(
     let set = [(target.to_owned(), value.to_owned())];
     let edited = maquette::edit::set_values(&path, &text, &set, &Catalog::new(PACKS), &options);
     let edited = edited.map_err(|problems| problems[0].message.clone())?;
-    // Setting the value in the graph itself reports the same new value.
+    // Setting the same value in the graph itself must report the same new value.
     let graph = maquette::edit::set_values(
         &project.path("g.ron"),
         GRAPH,
@@ -207,7 +208,7 @@ fn set(
 fn a_patch_is_set_as_the_graph_is() {
     let project = Project::new();
     let cases = [
-        // Sets one number of a vector, in a patch with and without this vector.
+        // Set one number of a vector, in a patch that contains the vector and in one that does not.
         (
             "",
             "t.translate.1",
@@ -229,7 +230,7 @@ fn a_patch_is_set_as_the_graph_is() {
             false,
             "2; nodes: { \"t\": (pivot: (4, 5, 6), translate: (1, 9, Param(\"far\"))) }",
         ),
-        // Setting the draft value does not change the final value, and vice versa.
+        // Setting the draft value must not change the final value, and vice versa.
         ("", "levels", "1", true, "0; params: { \"levels\": Draft(final: 2, draft: 1) }"),
         ("", "levels", "1", false, "; params: { \"levels\": 1 }"),
         (

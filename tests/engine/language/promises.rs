@@ -1,5 +1,5 @@
-//! Properties of values, such as `Closed`: ports want them, and outputs promise them. A wanted property that is not promised is tested
-//! before the node runs.
+//! Properties of values, such as `Closed`. Ports can require them (`wants`), and outputs can guarantee them (`promises`). A required
+//! property that is not guaranteed is tested before the node runs.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,7 +13,7 @@ use maquette_nodes::PACKS;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A folder with meshes and graphs; checks and runs of its graph return their messages.
+/// A folder with meshes and graphs. Checking or running its graph returns the messages.
 struct PromiseProject {
     folder: tempfile::TempDir,
 }
@@ -21,7 +21,7 @@ struct PromiseProject {
 impl PromiseProject {
     fn new(files: &[(&str, &str)]) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        // A square, a fan of three triangles around one edge, and a tetrahedron without its last face.
+        // The meshes are a square, a fan of three triangles around one edge, and a tetrahedron without its last face.
         let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n";
         let fan = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 0 -1 0\nf 1 2 3\nf 2 1 4\nf 1 2 5\n";
         let open = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n";
@@ -61,14 +61,14 @@ impl PromiseProject {
     }
 }
 
-/// Returns a graph with these nodes that writes the output of the node `out`.
+/// Returns a graph with these nodes, which writes the output of the node `out`.
 fn graph(nodes: &str) -> String {
     format!(
         "Graph(format: 1, use: {{ \"Lib\": \"lib.ron\" }}, nodes: {{\n{nodes}\n}}, outputs: {{ \"out.ply\": \"out\" }})"
     )
 }
 
-/// A graph that wants a property of its input and promises properties of its outputs.
+/// A graph that requires a property of its input and guarantees properties of its outputs.
 const LIB: &str = r#"Graph(
     format: 1,
     inputs: { "mesh": Mesh(doc: "It.", wants: [Closed]) },
@@ -101,8 +101,8 @@ fn an_input_says_what_it_wants_and_an_output_what_it_promises() {
                     edge 0-3, edge 2-3; the first is at (0, 0.5, 0)) (this is required at lib.ron:3:48; \
                     `maquette inspect graph.ron mesh --out look.png` lists and marks them)";
     assert_eq!(told.run(), [expected]);
-    // The used graph no longer wants a closed input, so its promise of a closed output does not follow from its nodes. Therefore the output
-    // is tested where the graph is used.
+    // Without the requirement of a closed input, the promise of a closed output does not follow from the nodes of the used graph. So the
+    // output is tested wherever the graph is used.
     let careless = LIB.replace(", wants: [Closed]", "");
     std::fs::write(told.path("lib.ron"), careless).unwrap();
     let expected = "graph.ron:2 G020 expected Closed, but `out.moved` has 3 edges with one face (edge 0-2, edge 0-3, edge 2-3; the first \
@@ -135,14 +135,14 @@ fn an_input_that_several_nodes_take_is_told_once_at_the_use_that_gives_it() {
         "{line}"
     );
     assert_eq!(problem.uses.iter().map(|it| &it.name[..]).collect::<Vec<_>>(), ["out"]);
-    // The diagnostic also lists the offending elements as data.
+    // The diagnostic also contains the violating elements as data.
     let expected = [
         ("edge 0-2".to_owned(), [0.0, 0.5, 0.0]),
         ("edge 0-3".to_owned(), [0.0, 0.0, 0.5]),
         ("edge 2-3".to_owned(), [0.0, 0.5, 0.5]),
     ];
     assert_eq!(problem.elements, expected);
-    // None of the used graph's nodes has run.
+    // No node of the used graph has run.
     let trace = finished.trace();
     let ran = trace.0.iter().filter(|node| node.seconds > 0.0 && node.name.contains('/'));
     assert_eq!(ran.map(|node| &node.name).collect::<Vec<_>>(), [""; 0]);
@@ -215,14 +215,14 @@ fn nodes_say_what_they_want_and_promise() {
     assert_eq!(labels["properties"][0]["name"], "NonEmpty");
 }
 
-/// A third-party value: beads, which may be strung.
+/// A third-party value type: beads, which may be on a string or not.
 #[derive(Clone)]
 struct Beads {
     count: u8,
     strung: bool,
 }
 
-/// Counts the tests of the property `Strung`.
+/// The number of tests of the property `Strung`.
 static TESTS: AtomicUsize = AtomicUsize::new(0);
 
 impl Value for Beads {
@@ -327,7 +327,7 @@ fn what_is_promised_is_not_tested_and_the_rest_once_per_value() {
     }
     let chain = r#""a": Wear(beads: "bead", who: 1), "b": Wear(beads: "a", who: 2)"#;
     assert_eq!(run(&format!("{}{chain}", bead(1, true)), &catalog, &mut evaluator), (0, vec![]));
-    // The output of `a` is strung if its input is, which has just been tested. So the input of `b` is not tested again.
+    // The output of `a` is strung if its input is, and that has just been tested. So the input of `b` need not be tested.
     assert_eq!(run(&format!("{}{chain}", bead(2, false)), &catalog, &mut evaluator), (1, vec![]));
     assert_eq!(
         run(
@@ -351,7 +351,7 @@ fn a_promise_that_cannot_be_kept_is_told_once_for_each_use() {
     let fine = r#"Graph(format: 1, inputs: { "mesh": Mesh() },
         nodes: { "it": Subdivide(mesh: "mesh", scheme: CatmullClark) },
         outputs: { "fine": "it" }, promises: { "fine": [Triangles] })"#;
-    // This graph repeats the promise of the graph that it uses.
+    // This graph makes the same promise as the graph that it uses.
     let library = r#"Graph(format: 1, use: { "Fine": "fine.ron" }, inputs: { "mesh": Mesh() },
         nodes: { "in": Fine(mesh: "mesh") }, outputs: { "fine": "in" }, promises: { "fine": [Triangles] })"#;
     let nodes = r#""square": ReadMesh(path: "square.obj"),

@@ -1,4 +1,4 @@
-//! Texts with syntax errors: the syntax errors are reported, and so are the errors in the rest of the text.
+//! Texts with syntax errors. The check must report these errors, and also the errors in the rest of the text.
 
 use expect_test::{Expect, expect};
 

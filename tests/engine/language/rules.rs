@@ -1,4 +1,4 @@
-//! The check refuses values that are invalid whatever the inputs are.
+//! The check refuses values that would be invalid for any inputs.
 
 use expect_test::{Expect, expect};
 

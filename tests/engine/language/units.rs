@@ -1,4 +1,4 @@
-//! Units are converted: `cm(1.2)` is 12 in a field in millimeters. Incompatible units are errors of the check.
+//! Units are converted: `cm(1.2)` is 12 in a field in millimeters. The check refuses units of another kind.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ fn session() -> Session {
     Session::new(PACKS, &Settings { threads: 2, ..Settings::in_memory() }).unwrap()
 }
 
-/// Makes a folder with a mesh, points and a curve, each once with its numbers in millimeters and once in meters.
+/// Creates a folder with a mesh, points and a curve. Each exists in two files, with numbers in millimeters and in meters.
 fn folder() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     fn write(name: &str, text: &str, folder: &TempDir) {
@@ -72,13 +72,13 @@ fn computed_nodes(trace: &RunTrace) -> Vec<String> {
     computed.map(|node| node.name.clone()).collect()
 }
 
-/// Runs two graphs after each other and checks that the second run computes nothing, because all keys are equal.
+/// Runs two graphs, one after the other. Checks that the second run computes nothing, because all keys are equal.
 fn check_same(folder: &TempDir, graphs: [&Graph; 2]) {
     let mut session = session();
     for (index, graph) in graphs.into_iter().enumerate() {
         let run =
             session.run(graph, &Run { targets: Targets::Everything, ..Run::default() }).unwrap();
-        // A sphere has no holes, so filling them causes a warning. Only errors count here.
+        // Ignore warnings: a sphere has no holes, so filling them causes one.
         let wrong = run.diagnostics().into_iter().find(|it| it.severity == Severity::Error);
         assert_eq!(wrong, None);
         let computed = computed_nodes(&run.trace());
@@ -100,7 +100,7 @@ fn a_number_with_a_unit_has_the_key_of_the_plain_number_in_the_fields_unit() {
         r#""out": Transform(mesh: "ball", translate: (cm(1.13), m(0.0123), inch(-0.1)), rotate: (0, 0, rad(3.141592653589793)))"#,
         r#""out": Transform(mesh: "ball", translate: (11.3, 12.3, -2.54), rotate: (0, 0, 180))"#,
     );
-    // Units are also converted inside of variants, lists of groups, lists of lists, and `Some`.
+    // Units are also converted in enum variants, lists of groups, lists of lists, and `Some`.
     check_nodes(
         r#""out": FillHoles(mesh: "ball", holes: Region(Ball(at: (cm(1), 0, 0), radius: cm(0.2))))"#,
         r#""out": FillHoles(mesh: "ball", holes: Region(Ball(at: (10, 0, 0), radius: 2)))"#,
@@ -126,7 +126,7 @@ fn a_parameters_values_are_in_its_own_unit_wherever_they_are_given() {
     for text in [
         "default: cm(1.2), unit: \"mm\"",
         "default: 12.0, min: cm(1), max: inch(1), unit: \"mm\"",
-        // The unit of the parameter may differ from the unit of the field.
+        // A parameter may have another unit than the field in which it is used.
         "default: 1.2, unit: \"cm\"",
         "default: mm(12), unit: \"m\"",
     ] {
@@ -322,7 +322,7 @@ fn a_difference_is_shown_as_it_is_written_and_another_unit_for_the_same_is_none(
             "node out: changed translate.1: cm(3) -> cm(4)",
         ]
     );
-    // If a field is removed, the report shows its whole tuple.
+    // If a field is removed, the reported difference shows the whole tuple.
     let bare = first_text().replace("rotate: (0, 0, deg(5))", "pivot: 1");
     let gone = difference_texts(first_text(), bare);
     assert!(

@@ -1,4 +1,4 @@
-//! A name before a vector is its unit, or an error: `cm(1, 2, 3)` is (10, 20, 30) where millimeters are expected.
+//! A name before a vector must be a unit: `cm(1, 2, 3)` is (10, 20, 30) in a field in millimeters. Any other name is an error.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use maquette::value::Points;
 use maquette::{Catalog, Edit, Graph, Options, Run, Session, Settings, Targets};
 use maquette_nodes::PACKS;
 
-/// Returns a graph that moves a point by `by`.
+/// Returns a graph that moves a point by the vector `by`.
 fn graph(by: &str, rest: &str) -> String {
     format!(
         r#"Graph(
@@ -54,7 +54,7 @@ fn the_unit_before_a_vector_is_that_of_each_of_its_numbers() {
     assert_eq!(evaluate_point(&graph("Param(\"by\")", ""), "moved", &set), Ok([26.4, 0.0, 0.0]));
     let set = [("moved.translate", "cm(4, 5, 6)")];
     assert_eq!(evaluate_point(&graph("(0, 0, 0)", ""), "moved", &set), Ok([41.0, 50.0, 60.0]));
-    // A plain number set for one component is in the field's unit, whatever the unit of the whole vector.
+    // A plain number for one component is in the unit of the field, whatever the unit of the whole vector is.
     for (value, moved) in [("4", 4.0), ("mm(4)", 4.0), ("cm(4)", 40.0), ("inch(1)", 25.4)] {
         let set = [("moved.translate.1", value)];
         assert_eq!(

@@ -1,12 +1,12 @@
-//! A cached check result is reused: a value that met its expectations is not recomputed only to check it. A failure is reported again at
-//! every run.
+//! The results of checking expectations are stored. A value that is known to meet its expectations is not computed again only to check it.
+//! A failure is reported at every run.
 
 use std::path::Path;
 
 use maquette::{CacheFolder, Catalog, Graph, Options, OutputFolder, Session, Settings, State};
 use maquette_nodes::PACKS;
 
-/// A graph whose `moved` mesh takes little time to compute, so it is not stored on disk.
+/// A graph whose mesh `moved` takes so little time to compute that it is not stored on disk.
 const TEXT: &str = r#"Graph(
     format: 1,
     params: { "far": Number(default: 1.0) },
@@ -26,7 +26,7 @@ const TEXT: &str = r#"Graph(
 struct Project(tempfile::TempDir);
 
 impl Project {
-    /// Runs the graph in a new session; returns the state of the moved mesh, its forecast, and the errors.
+    /// Runs the graph in a new session. Returns the state of the node `moved`, its forecast, and the errors.
     fn run(&self, text: &str, far: &str) -> (State, String, Vec<String>) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/verdicts.ron");
         let set = vec![("far".to_owned(), far.to_owned())];
@@ -54,7 +54,7 @@ fn a_value_that_is_as_expected_is_not_made_again_to_be_judged() {
     let (state, why, problems) = project.run(TEXT, "1.0");
     assert_eq!((state, problems), (State::Cached, Vec::new()));
     assert!(why.starts_with("`moved` does not run"), "{why}");
-    // A different value is checked, and so is a different expectation of an unchanged value.
+    // A new value is checked, and so is a new expectation about an unchanged value.
     assert_eq!(project.run(TEXT, "2.0").0, State::Computed);
     let (_, _, problems) = project.run(&TEXT.replace("high: (70", "high: (7"), "2.0");
     assert_eq!(problems.len(), 1, "{problems:?}");

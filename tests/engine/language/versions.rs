@@ -7,7 +7,7 @@ use maquette::{Catalog, CheckedGraph, Graph, Options, Run, Session, Settings, Se
 
 const BALL: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
 
-/// Returns a graph with this version, which other graphs use.
+/// Returns a graph `skirt` with this version. Other graphs use it.
 fn skirt(version: &str, step: f64) -> String {
     format!(
         r#"// A skirt.
@@ -25,7 +25,7 @@ Graph(
     )
 }
 
-/// Returns a graph that uses the skirt graph.
+/// Returns a graph that uses the graph `skirt`.
 fn dress(of: &str, fields: &str) -> String {
     format!(
         r#"Graph(
@@ -69,7 +69,7 @@ impl Folder {
         problems.into_iter().map(|problem| problem.message).collect()
     }
 
-    /// Runs a graph and returns the number of vertices of its output.
+    /// Runs a graph. Returns the number of vertices of its output.
     fn vertices(&self, name: &str, inputs: &[&str]) -> Result<usize, String> {
         let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory()).unwrap();
         let checked = session.load(&self.path(name), &Options::default());
@@ -129,7 +129,7 @@ fn an_optional_input_may_be_left_out_by_a_use_and_by_a_call() {
     assert_eq!(folder.vertices("dress.ron", &[]), Ok(4));
     folder.put("dress.ron", &dress("\"skirt.ron\"", ", hem: \"ball\""));
     assert_eq!(folder.vertices("dress.ron", &[]), Ok(8));
-    // The graph is called as a function, with values for its inputs.
+    // Run the graph itself, with values for its inputs.
     assert_eq!(folder.vertices("skirt.ron", &["mesh"]), Ok(4));
     assert_eq!(folder.vertices("skirt.ron", &["mesh", "hem"]), Ok(8));
     let why = folder.vertices("skirt.ron", &["hem"]).unwrap_err();
@@ -187,7 +187,7 @@ fn an_optional_input_is_told_like_a_port_that_may_be_left_out() {
     assert_eq!(graph.schema()["required"], serde_json::json!(["mesh"]));
 }
 
-/// Writes a lock file for one used graph, as `maquette lock` writes it.
+/// Writes a lock file that contains the one used graph, as `maquette lock` does.
 fn lock(folder: &Folder) {
     let text = std::fs::read_to_string(folder.path("skirt.ron")).unwrap();
     let hash = maquette::Hash::compute(text.as_bytes());
@@ -215,7 +215,7 @@ fn a_lock_that_does_not_fit_is_a_warning_and_refused_where_it_must_fit() {
     lock(&folder);
     let fits = folder.load(&locked);
     assert!(fits.graph.is_some() && fits.diagnostics.is_empty(), "{:?}", fits.diagnostics);
-    // Different line endings do not count as a change.
+    // A change of the line endings alone does not count as a change.
     folder.put("skirt.ron", &skirt_1.replace('\n', "\r\n"));
     assert_eq!(folder.load(&locked).diagnostics, []);
     for (text, how) in [
@@ -234,7 +234,7 @@ fn a_lock_that_does_not_fit_is_a_warning_and_refused_where_it_must_fit() {
             let [problem] = &checked.diagnostics[..] else { panic!("{:?}", checked.diagnostics) };
             let expected = format!("`skirt.ron` differs from dress.lock.ron: {how}");
             assert_eq!((problem.severity, &problem.message), (severity, &expected));
-            // The diagnostic points to the text that names the used graph.
+            // The diagnostic must point at the path of the used graph.
             let text = &problem.source.text;
             assert_eq!(&text[problem.span.start..problem.span.end], "\"skirt.ron\"");
         }
@@ -264,7 +264,7 @@ fn a_lock_has_all_that_is_used_and_nothing_else() {
     assert_eq!(folder.messages(), ["the text of `skirt.ron` does not match its hash"]);
 }
 
-/// Compares two checkouts of a project whose libraries differ.
+/// Compares two checkouts of a project that have different library graphs.
 #[test]
 fn a_difference_inside_of_a_used_graph_is_told_with_the_way_there() {
     let dress = dress("Graph(\"lib/skirt.ron\", version: \"1.0\")", "");

@@ -1,11 +1,11 @@
-//! `-0.0` is accepted as zero for an integer or a variant, from any source.
+//! `-0.0` is accepted as zero for an integer or an enum variant, wherever the value comes from.
 
 use std::path::Path;
 
 use maquette::{Catalog, Graph, Options, Run, Session, Settings, State};
 use maquette_nodes::PACKS;
 
-/// Returns the state of a mesh after this number of subdivision levels, or the errors.
+/// Runs a graph that subdivides a mesh by this number of levels, and returns the state of that node. Panics if there are errors.
 fn subdivide_state(session: &mut Session, levels: &str, set: &[(String, String)]) -> State {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/zeros.ron");
     let text = format!(

@@ -1,20 +1,20 @@
-//! Parses the modules of a crate as far as needed to find the dependencies between its files.
+//! Parses the modules of a crate just far enough to find the dependencies between its files.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
-/// A dependency of a file on another file of its crate.
+/// A dependency of one file on another file of the same crate.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Arrow {
     pub(crate) from: String,
     pub(crate) to: String,
-    /// The path in the source text that causes the dependency.
+    /// The path in the source code that causes the dependency.
     pub(crate) path: String,
     pub(crate) line: usize,
 }
 
-/// All modules of a crate except unit tests; the first module is the root.
+/// All modules of a crate except its unit tests. The first one is the root.
 pub(crate) struct Sources {
     modules: Vec<Module>,
 }
@@ -24,11 +24,11 @@ struct Module {
     file: String,
     parent: usize,
     children: BTreeMap<String, usize>,
-    /// The imports: maps each imported name to its path.
+    /// The imports of the module: the path of each imported name.
     uses: BTreeMap<String, Vec<String>>,
     /// The names of the items that the module defines.
     items: BTreeSet<String>,
-    /// All paths of at least two segments.
+    /// All paths in the module that have at least two segments.
     paths: Vec<Mention>,
     words: Vec<String>,
 }
@@ -51,26 +51,26 @@ struct Token {
     line: usize,
 }
 
-/// The target of a path, given by the index of a module: the module itself, or an item in it.
+/// The target of a path: a module, or an item in a module. The module is given by its index.
 enum Resolution {
     Module(usize),
     Item(usize),
 }
 
 impl Sources {
-    /// Reads the crate whose `lib.rs` is in `folder`.
+    /// Reads the crate in `folder`, whose root file is `lib.rs`.
     pub(crate) fn read(folder: &Path) -> Self {
         Self::read_from(folder, "lib.rs")
     }
 
-    /// Reads the crate whose root file in `folder` is named `root`.
+    /// Reads the crate in `folder`, whose root file is `root`.
     pub(crate) fn read_from(folder: &Path, root: &str) -> Self {
         let mut sources = Self { modules: Vec::new() };
         sources.add_file(root, "", 0, &|name| fs::read_to_string(folder.join(name)).ok());
         sources
     }
 
-    /// Parses a crate; `text` returns the content of a file of the crate by its name.
+    /// Parses a crate. `text` returns the content of a file of the crate, given its name.
     pub(crate) fn parse(text: &dyn Fn(&str) -> Option<String>) -> Self {
         let mut sources = Self { modules: Vec::new() };
         sources.add_file("lib.rs", "", 0, text);
@@ -152,7 +152,7 @@ impl Sources {
                     while after(2 * path.len() - 1) == "::" && is_name(after(2 * path.len())) {
                         path.push(after(2 * path.len()).to_owned());
                     }
-                    // `pub(in crate::pack)` is a visibility, not a dependency.
+                    // Skip `pub(in crate::pack)`, which is a visibility and not a dependency.
                     let says_who =
                         at > 1 && tokens[at - 1].text == "in" && tokens[at - 2].text == "(";
                     if path.len() > 1 && !says_who {
@@ -171,13 +171,13 @@ impl Sources {
         module
     }
 
-    /// Returns the dependencies. A file that only re-exports (`pub use`) an item does not depend on it; a file that uses the re-export
-    /// depends on the item's file.
+    /// Returns the dependencies between files. A file that only re-exports an item (`pub use`) does not depend on the file of the item. A
+    /// file that uses the re-exported item does.
     pub(crate) fn arrows(&self) -> impl Iterator<Item = Arrow> {
         self.find(|module, mention| mention.kind != Kind::PublicUse || !module.only_hands_on())
     }
 
-    /// Returns the dependencies, including those of re-exports.
+    /// Returns the dependencies between files, including those that are only re-exports.
     pub(crate) fn arrows_with_reexports(&self) -> impl Iterator<Item = Arrow> {
         self.find(|_, _| true)
     }
@@ -186,7 +186,7 @@ impl Sources {
         let mut found = BTreeSet::new();
         for (index, module) in self.modules.iter().enumerate() {
             for mention in module.paths.iter().filter(|mention| wanted(module, mention)) {
-                // Skips a path that begins with an imported type: the import already counts as the dependency.
+                // Skip a path that begins with an imported name, because the import already counts as the dependency.
                 let first = module.uses.get(&mention.path[0]);
                 let is_told = mention.kind == Kind::Inline
                     && first.is_some_and(|path| {
@@ -195,7 +195,7 @@ impl Sources {
                 if is_told {
                     continue;
                 }
-                // A path to a module is not a dependency by itself; the paths to items in the module are.
+                // A path to a module is not a dependency. The paths to items in that module are.
                 let Some(Resolution::Item(to)) = self.resolve(index, &mention.path, false, 0)
                 else {
                     continue;
@@ -214,7 +214,7 @@ impl Sources {
         found.into_iter()
     }
 
-    /// Returns the files that contain these consecutive tokens.
+    /// Returns the files that contain these tokens one after the other.
     pub(crate) fn files_with(
         &self,
         words: &'static [&'static str],
@@ -225,8 +225,8 @@ impl Sources {
             .map(|module| module.file.clone())
     }
 
-    /// Resolves a `path` that is written in the module `from`. Returns `None` if its target is outside of the crate. If a module and
-    /// another item have the same name, `to_module` selects the module.
+    /// Returns the target of a path in the module `from`. Returns `None` if it is outside of the crate. If a module and another item have
+    /// the same name, `to_module` is true to select the module.
     fn resolve(
         &self,
         from: usize,
@@ -246,7 +246,7 @@ impl Sources {
                 _ => {
                     let child = module.children.get(name).copied();
                     let is_item = module.items.contains(name);
-                    // `use serde::Serialize` imports the crate name `serde` as well, which is not a name of this crate.
+                    // Skip an import such as `use serde::Serialize`, whose first name is that of another crate.
                     let brought = module.uses.get(name).filter(|used| k > 0 || used[0] != *name);
                     match (child, brought) {
                         _ if is_item && is_last && !to_module => return Some(Resolution::Item(at)),
@@ -269,14 +269,14 @@ impl Sources {
 }
 
 impl Module {
-    /// Returns true if the file defines no items: it contains only `mod` and `use`.
+    /// Returns true if the module defines no items, so that it contains only `mod` and `use`.
     fn only_hands_on(&self) -> bool {
         self.items.is_empty()
     }
 }
 
-/// Parses the tree of a `use` from token `at` on. Adds the path, name and line of each imported item to `all`, and returns the position
-/// after the tree.
+/// Parses the tree of a `use` declaration that begins at the token `at`. Adds the path, name and line of each imported item to `all`.
+/// Returns the index of the token after the tree.
 fn tree(
     tokens: &[Token],
     mut at: usize,
@@ -313,7 +313,7 @@ fn tree(
     }
 }
 
-/// Returns the tokens without test-only code.
+/// Removes the code that is only compiled for tests.
 fn without_tests(tokens: Vec<Token>) -> Vec<Token> {
     let mut kept = Vec::new();
     let mut at = 0;
@@ -345,7 +345,7 @@ fn without_tests(tokens: Vec<Token>) -> Vec<Token> {
     numbered.filter(|(k, _)| kept.next_if_eq(k).is_some()).map(|(_, token)| token).collect()
 }
 
-/// Returns the position of the bracket that closes the bracket at `open`.
+/// Returns the index of the bracket that closes the bracket at the index `open`.
 fn closing(tokens: &[Token], open: usize) -> usize {
     let mut depth = 0;
     for (k, token) in tokens.iter().enumerate().skip(open) {
@@ -365,7 +365,7 @@ fn is_name(text: &str) -> bool {
     text.starts_with(|c: char| c.is_alphabetic() || c == '_')
 }
 
-/// Splits Rust code into identifiers and punctuation. Comments, strings, characters, lifetimes and numbers are left out.
+/// Splits Rust code into identifiers and punctuation. Leaves out comments, strings, characters, lifetimes and numbers.
 fn tokens(source: &str) -> Vec<Token> {
     let mut tokens = Vec::new();
     let chars: Vec<_> = source.chars().collect();

@@ -1,12 +1,12 @@
-//! Writes a batch as a job template of Open Job Description.
+//! Writes a batch as a job template for Open Job Description.
 
 use serde_json::{Value as Json, json};
 
 use super::Handover;
 
 impl Handover<'_> {
-    /// Returns the job template. The project folder is a job parameter, because each session of Open Job Description runs its tasks in a
-    /// folder of its own.
+    /// Returns the job template as JSON. The project folder is a parameter of the job, because each session of Open Job Description runs
+    /// its tasks in a folder of its own.
     pub(super) fn openjd(&self) -> String {
         let (jobs, chunk) = self.jobs();
         let on_run = |last: &[&str]| {
@@ -19,8 +19,8 @@ impl Handover<'_> {
         let mut task = vec!["--events=openjd"];
         task.extend(chunk.split_whitespace());
         task.extend(["--task", "{{Task.Param.Task}}"]);
-        // The page is written when an environment exits: an environment always runs its exit action, but a step does not run if a task
-        // that it depends on failed.
+        // Write the page in the exit action of an environment. An exit action always runs, but a step does not run if one of the tasks
+        // before it has failed.
         let page = self.action("cd \"$0\" && \"$@\" || true", &["--report"]);
         let page = json!({ "name": "Page", "script": { "actions": { "onExit": page } } });
         let range = format!("0-{}", jobs.saturating_sub(1));
@@ -61,7 +61,7 @@ impl Handover<'_> {
         format!("{job:#}\n")
     }
 
-    /// Returns an action that runs the command in the project folder, followed by the arguments `last`. `inside` is the shell code that
+    /// Returns an action that runs the command in the project folder, with the additional arguments `last`. `inside` is the shell code that
     /// runs the command.
     fn action(&self, inside: &str, last: &[&str]) -> Json {
         let (decode, words) = encode_words(self.words);
@@ -73,7 +73,7 @@ impl Handover<'_> {
         json!({ "command": "bash", "args": args })
     }
 
-    /// Returns the resources that a machine must have to run the task.
+    /// Returns the resources that a machine needs to run a task.
     fn resource_amounts(&self) -> impl Iterator<Item = Json> {
         let threads = self.resources.threads.map(|threads| ("vcpu", threads as u64));
         let memory = self.resources.mebibytes().map(|memory| ("memory", memory));
@@ -81,8 +81,8 @@ impl Handover<'_> {
     }
 }
 
-/// Encodes arguments for a template, and returns them with the shell code that decodes them. Templates do not allow control characters,
-/// and `{{` would begin a parameter.
+/// Encodes arguments for a template. Returns the shell code that decodes them, and the encoded arguments. Templates do not allow control
+/// characters, and `{{` would begin a parameter.
 fn encode_words(words: &[String]) -> (String, Vec<String>) {
     if words.iter().all(|word| !word.contains(['{', '}']) && !word.contains(char::is_control)) {
         return (String::new(), words.to_vec());
@@ -92,7 +92,7 @@ fn encode_words(words: &[String]) -> (String, Vec<String>) {
             .map(|c: char| match c {
                 '\\' => "\\\\".to_owned(),
                 '{' | '}' => format!("\\x{:02x}", u32::from(c)),
-                // Encodes bytes rather than code points, because the shell's code points depend on its locale.
+                // Encode bytes instead of characters, because the meaning of a character code in a shell depends on its locale.
                 c if c.is_control() => {
                     c.to_string().bytes().map(|byte| format!("\\x{byte:02x}")).collect()
                 }
@@ -107,7 +107,7 @@ fn encode_words(words: &[String]) -> (String, Vec<String>) {
     (decode, encoded.collect())
 }
 
-/// Returns a valid job name: up to 128 characters, without control characters and `{{`, which would begin a parameter.
+/// Returns a valid job name: at most 128 characters, without control characters, and without `{{`, which would begin a parameter.
 fn job_name(name: &str) -> String {
     let name = name.replace("{{", "{ {").replace("}}", "} }");
     let name = name.chars().map(|c| if c.is_control() { '-' } else { c }).take(128);

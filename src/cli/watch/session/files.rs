@@ -1,4 +1,4 @@
-//! Handles changes of the files that a watch depends on.
+//! Handles changes of the files on which a watch depends.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use super::state::{Check, Running};
 use crate::listen::Event;
 
 impl Session<'_> {
-    /// Handles file events.
+    /// Reads the watched files that the events concern again, except those that are still open for writing.
     pub(super) fn handle_events(&mut self, events: &[Event]) {
         let (mut files, mut moved) = (BTreeSet::new(), false);
         for event in events {
@@ -32,7 +32,7 @@ impl Session<'_> {
         self.reread_files(&files, moved);
     }
 
-    /// Reads some files again. If one of them has changed or `moved` is true, updates the list of watched files.
+    /// Reads the given files again. If one has changed or `moved` is true, updates the list of watched files.
     pub(super) fn reread_files(&mut self, files: &BTreeSet<PathBuf>, moved: bool) {
         let mut changed = false;
         for file in files {
@@ -56,7 +56,7 @@ impl Session<'_> {
         true
     }
 
-    /// Handles a change of a file; `whole` is false if the file may be incomplete.
+    /// Handles a change of a file. `whole` is false if the file may be incomplete.
     fn handle_change(&mut self, file: &Path, whole: bool) {
         let is_graph = self.sources.paths().next() == Some(file);
         if is_graph && whole {
@@ -73,7 +73,7 @@ impl Session<'_> {
                 Check::Due | Check::Bad { .. } => false,
             }
         }
-        // While the file is incomplete, the running evaluation is not cancelled.
+        // Do not cancel the running evaluation while the file is incomplete.
         if whole
             && self
                 .running
@@ -84,7 +84,7 @@ impl Session<'_> {
         }
     }
 
-    /// Updates the list of watched files to those that the result depends on now.
+    /// Updates the list of watched files to those on which the result depends now.
     pub(super) fn rewatch(&mut self) {
         let (command, outside) = (self.command, self.has_outside_files);
         let (files, subgraphs, catalog) = (&self.files, &self.subgraphs, self.catalog);

@@ -1,4 +1,4 @@
-//! Handles requests of live pages: setting values in the graph file, and drags, which do not change the file.
+//! Handles the requests of live pages: setting values in the graph file, and drags, which do not change the file.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -17,12 +17,12 @@ use crate::watch::drag::Values;
 use crate::watch::worker::Purpose;
 
 impl<'a> Session<'a> {
-    /// Sets values in the graph file. The watch notices this change like any other change of the file.
+    /// Sets values in the graph file, at the request of a live page. The watch notices this change like any other change of the file.
     pub(super) fn set(&mut self, page: u64, values: &Values) {
         let was_dragged = self.drag.release(page);
         match self.edit(values, |_| true) {
             Ok(change) if !change.value_changes.is_empty() => {
-                // The change causes a run that shows all values; no older values may be shown before that run.
+                // Show no older values: the change causes a run that shows all values.
                 self.has_due_views = false;
                 return self.changes.push(change);
             }
@@ -34,16 +34,16 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Shows the values of the graph file again after a drag.
+    /// Shows the values of the graph file again, after a drag.
     pub(super) fn show_file(&mut self) {
         self.abandon_view();
         self.has_due_views = true;
     }
 
-    /// Records new values from a drag.
+    /// Records new values of a drag.
     pub(super) fn drag_to(&mut self, page: u64, values: Values) {
         self.drag.move_to(page, values, Instant::now());
-        // A run that writes outputs would delay the drag, so it is cancelled. The outputs are written after the drag.
+        // Cancel a run that writes outputs, because it would delay the drag. The outputs are written after the drag.
         if self.drag.is_active()
             && self.running.as_ref().is_some_and(|running| running.purpose == Purpose::Outputs)
         {
@@ -51,13 +51,13 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Returns the time at which the running evaluation is abandoned because a drag has newer values.
+    /// Returns the time at which the running evaluation is to be cancelled because the drag has newer values.
     pub(super) fn abandon_at(&self) -> Option<Instant> {
         let running = self.running.as_ref()?;
         self.drag.abandon_at().filter(|_| !running.cancel.is_cancelled())
     }
 
-    /// Cancels the running evaluation if it is only for live pages.
+    /// Cancels the running evaluation if it is only for live pages and writes no outputs.
     pub(super) fn abandon_view(&mut self) {
         let running = self.running.as_ref();
         if let Some(running) = running.filter(|running| running.purpose != Purpose::Outputs) {
@@ -65,7 +65,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Starts the evaluation of the newest values of a drag, unless they have been evaluated.
+    /// Starts an evaluation of the newest values of the drag, unless they have already been evaluated.
     pub(super) fn start_drag(&mut self) {
         if std::mem::take(&mut self.has_due_views) {
             self.drag.mark_due();
@@ -82,7 +82,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Returns the graph with these values set, and the present text of the graph file.
+    /// Returns the graph with the given values, and the present text of the graph file.
     fn graph_with(&self, values: &Values) -> Result<(Graph, String), String> {
         let Watch { graph: path, evaluation, .. } = self.command;
         let edited = self.compute_edit(values)?;
@@ -106,7 +106,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Undoes the last change that a live page made, unless someone has changed the same values since.
+    /// Undoes the last change by a live page, unless somebody has changed the same values since.
     pub(super) fn undo(&mut self) {
         let Some(change) = self.changes.pop() else { return };
         if let Err(why) = self.undo_change(&change) {
@@ -122,7 +122,7 @@ impl<'a> Session<'a> {
             return self.file().write(&edited).map_err(|error| error.to_string());
         }
         drop(turn);
-        // Other parts of the file have changed since, so only the values are restored.
+        // Restore only the values, because other parts of the file have changed since.
         fn old_value(put: &ValueChange) -> Result<(String, String), &str> {
             let before = put.before.clone().ok_or("the value was not in the file before")?;
             match put.after.starts_with(&format!("Draft(final: {before}, draft: ")) {
@@ -142,7 +142,7 @@ impl<'a> Session<'a> {
         .map(drop)
     }
 
-    /// Sets values in the graph file if `is_due` accepts the changes. Returns the change, or an error message.
+    /// Sets values in the graph file if `is_due` returns true for the changes. Returns the change or an error message.
     fn edit(
         &self,
         values: &[(String, String)],
@@ -157,7 +157,7 @@ impl<'a> Session<'a> {
         Ok(Change::new(edited))
     }
 
-    /// Returns the text of the graph file with these values set, or an error message.
+    /// Returns the text of the graph file with the given values, or an error message.
     fn compute_edit(&self, values: &[(String, String)]) -> Result<EditedText, String> {
         let edits: Vec<_> = values
             .iter()
@@ -174,13 +174,13 @@ impl<'a> Session<'a> {
     }
 }
 
-/// A change of the graph file that can be undone.
+/// A change of the graph file by a live page, which can be undone.
 pub(super) struct Change {
     value_changes: Vec<ValueChange>,
-    /// The range of the text that the change replaced.
+    /// The range of the text that the change has replaced.
     range: Range<usize>,
     before: String,
-    /// The hash of the whole text after the change.
+    /// A hash of the whole text after the change, to find out if the text has been changed again.
     text: Hash,
 }
 
@@ -206,7 +206,7 @@ impl Change {
         }
     }
 
-    /// Returns the text before the change, or `None` if the text has been changed since.
+    /// Returns the text before the change, or `None` if the text has been changed again.
     fn undone_text(&self, text: &str) -> Option<String> {
         let is_same = Hash::compute(text.as_bytes()) == self.text;
         is_same.then(|| [&text[..self.range.start], &self.before, &text[self.range.end..]].concat())

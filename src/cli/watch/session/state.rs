@@ -9,13 +9,13 @@ use maquette_syntax::error::{Diagnostic, code};
 
 use crate::watch::worker::Purpose;
 
-/// The result of checking the graph.
+/// The state of checking the graph.
 pub(super) enum Check {
     /// The graph must be read and checked again.
     Due,
-    /// The graph can be evaluated; the diagnostics are warnings.
+    /// The graph can be evaluated. The diagnostics are only warnings.
     Good { graph: Arc<Graph>, diagnostics: Vec<Diagnostic> },
-    /// The graph has errors; `shown` is true if the errors have been shown to the user.
+    /// The graph has errors. `shown` is true if the user has seen them.
     Bad { diagnostics: Vec<Diagnostic>, shown: bool },
 }
 
@@ -24,7 +24,7 @@ pub(super) struct Running {
     pub(super) graph: Arc<Graph>,
     pub(super) cancel: CancelToken,
     pub(super) purpose: Purpose,
-    /// True if the graph has nodes of unknown types, which are left out.
+    /// True if nodes of unknown types are left out of the graph.
     pub(super) is_partial: bool,
 }
 
@@ -35,12 +35,12 @@ impl Running {
     }
 }
 
-/// Returns true if diagnostics report nodes of unknown types.
+/// Returns true if one of the diagnostics is about a node of unknown type.
 pub(super) fn is_partial(diagnostics: &[Diagnostic]) -> bool {
     diagnostics.iter().any(|diagnostic| diagnostic.code == code::UNKNOWN_NODE)
 }
 
-/// Enters the folder again if it was replaced, for instance by a new checkout. Otherwise relative paths would start in the deleted
+/// Enters the folder again, in case it was replaced, for instance by a new checkout. Otherwise relative paths would begin in the deleted
 /// folder.
 #[cfg(unix)]
 pub(super) fn return_to(folder: &Path) {
@@ -50,11 +50,11 @@ pub(super) fn return_to(folder: &Path) {
         Some((metadata.dev(), metadata.ino()))
     }
     if file_id(folder) != file_id(Path::new(".")) {
-        // If the folder is missing, the graph cannot be read, and that error is reported.
+        // Ignore an error: if the folder is missing, the graph cannot be read either, and that is reported.
         let _ = std::env::set_current_dir(folder);
     }
 }
 
-/// Does nothing: on this system the current folder cannot be removed.
+/// Does nothing, because on this system the current folder cannot be removed.
 #[cfg(not(unix))]
 pub(super) fn return_to(_: &Path) {}

@@ -1,5 +1,5 @@
-//! Checks every file in a cache folder, of all builds, and removes damaged and useless files. Results that are removed are computed again
-//! when they are needed.
+//! Checks every file in a cache folder, for all builds of the program, and removes damaged and useless files. Removed results are computed
+//! again when they are needed.
 
 use std::collections::{HashMap, HashSet};
 use std::io;
@@ -23,7 +23,7 @@ pub struct Diagnosis {
     pub bytes: u64,
     /// The faults that were found, sorted by path.
     pub faults: Vec<CacheFault>,
-    /// Files and folders that are not part of the cache. They are left alone.
+    /// Files and folders in the cache folder that are not part of the cache. They are not touched.
     pub foreign: Vec<PathBuf>,
 }
 
@@ -48,18 +48,18 @@ const OTHER_PROGRAM: &str = "it names another program";
 
 /// The columns that an entry refers to, or the reason why they are unknown.
 enum Entry {
-    /// An undamaged entry, with the columns that it refers to. Each has its number of items.
+    /// An undamaged entry. Each column to which it refers is given by its hash and its number of items.
     Whole(Vec<(Hash, u64)>),
     Faulty(&'static str),
-    /// The entry has the format of another version of the program.
+    /// The entry has the format of another version of the program, so its columns are unknown.
     Unknown,
     /// Another process has just removed the entry.
     Gone,
 }
 
 impl Disk {
-    /// Checks every file in a cache folder, of all builds. Removes damaged files, entries whose columns are missing, and columns to which
-    /// no entry refers. In a dry run the faults are only reported.
+    /// Checks every file in a cache folder, for all builds. Removes damaged files, entries whose columns are missing, and columns that no
+    /// entry uses. In a dry run, nothing is removed and the faults are only reported.
     ///
     /// # Errors
     /// If the folder is not a cache of this program.
@@ -99,13 +99,13 @@ impl Disk {
     }
 }
 
-/// Returns the paths of the files in the folder `folder` of a build.
+/// Returns the paths of those files that are in the subfolder `folder` of a build.
 fn paths_in<'f>(files: &[&'f CacheFile], folder: &'static str) -> Vec<&'f Path> {
     let files = files.iter().filter(|file| file.kind == FileKind::Stored(folder));
     files.map(|file| &*file.path).collect()
 }
 
-/// Returns the faults of the files of one build.
+/// Returns the faults of the files that one build of the program has stored.
 fn program_faults<'f>(files: &[&'f CacheFile]) -> Vec<(&'f Path, &'static str)> {
     let entries: Vec<_> =
         paths_in(files, "entries").into_par_iter().map(|path| (path, entry_at(path))).collect();
@@ -171,7 +171,7 @@ fn entry_at(path: &Path) -> Entry {
     }
 }
 
-/// Returns true if a file contains the column with this hash.
+/// Returns true if the file contains a column of `items` items with this hash.
 fn is_column(path: &Path, hash: Hash, items: u64) -> bool {
     fn column_hash(items: u64, path: &Path) -> Result<Hash, io::Error> {
         let mut hasher = blake3::Hasher::new();
@@ -181,12 +181,12 @@ fn is_column(path: &Path, hash: Hash, items: u64) -> bool {
     column_hash(items, path).is_ok_and(|found| found == hash)
 }
 
-/// Returns the fault of a memo, the file that stores the hash of a file of code. Returns `None` if it has none.
+/// Returns the fault of a memo: a file that stores the hash of an executable or library. Returns `None` if the memo is right.
 fn memo_fault(folder: &Path, memo: &Path) -> Option<&'static str> {
     let remembered =
         fs::read_no_follow(memo).ok().and_then(|bytes| program::read_memo(memo, bytes));
     let Some(remembered) = remembered else { return Some(DAMAGED) };
-    // Only the memo of this program's own code can be checked, because the files of other programs are unknown.
+    // Only the memo of the running code can be compared, because the executables of other programs are unknown.
     program::is_outdated(folder, memo, &remembered).then_some(OTHER_PROGRAM)
 }
 

@@ -1,4 +1,4 @@
-//! The binary format of an entry: the result of a node.
+//! The binary format of an entry: the stored result of a node.
 
 use std::collections::HashMap;
 use std::io::Read;
@@ -13,7 +13,7 @@ use super::super::cache::{Outcome, Values};
 /// The first bytes of every entry: the name and the version of the format.
 const MAGIC: &[u8; 8] = b"maqent03";
 
-/// The header of an entry: the result without its values. It is JSON, so people can read it.
+/// The header of an entry: the result without its values. It is stored as JSON so that people can read it.
 #[derive(Serialize, Deserialize)]
 struct Header {
     key: String,
@@ -21,7 +21,7 @@ struct Header {
     #[serde(default)]
     node: String,
     outputs: Vec<OutputHeader>,
-    /// The large columns of all outputs, each as hash and number of items.
+    /// The large columns of all outputs. Each is given by its hash and its number of items.
     columns: Vec<(Hash, u64)>,
     warnings: Vec<String>,
     shapes: Vec<String>,
@@ -37,14 +37,14 @@ struct OutputHeader {
     length: usize,
 }
 
-/// An entry that was read from its file.
+/// An entry that was read from disk.
 pub(super) struct Entry {
     header: Header,
     outputs: Vec<(&'static ValueType, Hash, Range<usize>)>,
     bytes: Vec<u8>,
 }
 
-/// Returns the bytes of the entry for the result `outcome`; `kept` are its encoded values.
+/// Returns the bytes of an entry that stores the result `outcome`. `kept` contains the encoded values of the result.
 pub(super) fn write(key: Hash, node: &str, outcome: &Outcome, kept: &[EncodedValue]) -> Vec<u8> {
     let outputs = outcome.outputs.iter().zip(kept).map(|((kind, hash), kept)| OutputHeader {
         kind: (*kind).to_owned(),
@@ -70,7 +70,8 @@ pub(super) fn write(key: Hash, node: &str, outcome: &Outcome, kept: &[EncodedVal
     bytes
 }
 
-/// Returns the header of an entry, and the offset at which its data begins. Returns `None` if the bytes are not an entry of this version.
+/// Parses the header of an entry. Also returns the offset at which the data begins. Returns `None` if the bytes are not an entry of this
+/// format version.
 fn header(bytes: &[u8]) -> Option<(Header, usize)> {
     let rest = bytes.strip_prefix(MAGIC)?;
     let (length, rest) = rest.split_first_chunk()?;
@@ -79,7 +80,7 @@ fn header(bytes: &[u8]) -> Option<(Header, usize)> {
     Some((serde_json::from_slice(header).ok()?, start))
 }
 
-/// Returns the type of the node whose result an entry file contains, and the columns to which the entry refers. Reads only the header.
+/// Returns the node type that an entry file names, and the hashes of the columns that the entry uses. Reads only the header.
 pub(super) fn summary(path: &Path) -> Option<(String, Vec<Hash>)> {
     let mut file = fs::open_no_follow(path).ok()?;
     let mut start = [0; MAGIC.len() + size_of::<u64>()];
@@ -91,8 +92,8 @@ pub(super) fn summary(path: &Path) -> Option<(String, Vec<Hash>)> {
     Some((header.node, header.columns.into_iter().map(|(column, _)| column).collect()))
 }
 
-/// Returns the columns to which the entry with this key refers, each with its number of items. Returns `Some(None)` if the entry has
-/// another key or is incomplete, and `None` if the entry has another version.
+/// Returns the hash and the number of items of each column that the entry `key` uses. Returns `Some(None)` if the bytes are an entry with
+/// another key or an incomplete one, and `None` if they have another format version.
 pub(super) fn columns(bytes: &[u8], key: Hash) -> Option<Option<Vec<(Hash, u64)>>> {
     let (header, start) = header(bytes)?;
     let lengths = header.outputs.iter().map(|output| output.length);
@@ -102,7 +103,7 @@ pub(super) fn columns(bytes: &[u8], key: Hash) -> Option<Option<Vec<(Hash, u64)>
 }
 
 impl Entry {
-    /// Parses the entry with this key. Returns `None` if the bytes are not this entry, or if they contain values of an unknown type.
+    /// Parses the entry with this key. Returns `None` if the bytes are a different entry or contain values of an unknown type.
     pub(super) fn parse(
         bytes: Vec<u8>,
         key: Hash,
@@ -122,7 +123,7 @@ impl Entry {
         Some(Self { header, outputs, bytes })
     }
 
-    /// Returns the columns to which the entry refers, each with its number of items.
+    /// Returns the hash and the number of items of each column that the entry uses.
     pub(super) fn columns(&self) -> &[(Hash, u64)] {
         &self.header.columns
     }

@@ -1,5 +1,5 @@
-//! The folder of a cache: who owns it, and which files in it belong to the cache. Links, and files with other names, do not belong to the
-//! cache.
+//! The cache folder: checks its owner, and decides which files in it belong to the cache. Symbolic links, and files whose names the cache
+//! does not use, do not belong to it.
 
 use std::fs::{self, DirEntry};
 use std::io;
@@ -16,20 +16,20 @@ pub(super) const TAG: &str = "CACHEDIR.TAG";
 const TAG_TEXT: &str =
     "Signature: 8a477f597d28d172789f06886806bc55\n# Results that maquette can compute again.\n";
 
-/// The folder that contains the hashes of files of code.
+/// The subfolder that stores the hashes of executables and libraries.
 pub(super) const PROGRAMS: &str = "programs";
 
-/// A file in [`PROGRAMS`]. Its modification time is the time of the last cleanup.
+/// The name of an empty file in [`PROGRAMS`]. Its modification time is the time of the last cleanup of the cache.
 pub(super) const TIDIED: &str = "tidied";
 
 /// The kind of a file in the cache.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FileKind {
-    /// A file in one of the [`FOLDERS`] of a program.
+    /// A file in the given subfolder of a build; the subfolder is one of [`FOLDERS`].
     Stored(&'static str),
     Program,
     Tidied,
-    /// A file that is being written, or whose writing was interrupted.
+    /// A file that is being written, or that a process left unfinished.
     Temporary,
 }
 
@@ -46,13 +46,13 @@ pub(super) struct CacheFile {
 #[derive(Default)]
 pub(super) struct Contents {
     pub(super) files: Vec<CacheFile>,
-    /// The folders of the builds that have stored results.
+    /// The folders of builds of the program that have stored results.
     pub(super) homes: Vec<PathBuf>,
-    /// Files and folders that are not part of the cache.
+    /// Files and folders in the cache folder that are not part of the cache.
     pub(super) foreign: Vec<PathBuf>,
 }
 
-/// Turns a missing or empty folder into a cache. If the folder is a cache already, checks its owner.
+/// Turns a missing or empty folder into a cache. If the folder is already a cache, checks that it belongs to this user.
 pub(super) fn claim(folder: &Path) -> Result<(), DiskError> {
     make_folder(folder).map_err(|error| DiskError::system(folder, error))?;
     check(folder)?;
@@ -67,13 +67,13 @@ pub(super) fn tag(folder: &Path) -> io::Result<()> {
     write_whole(&folder.join(TAG), TAG_TEXT.as_bytes()).map(|_| ())
 }
 
-/// Returns true if the folder has the tag of a cache.
+/// Returns true if the folder has the tag file that marks a cache.
 pub(super) fn is_tagged(folder: &Path) -> bool {
     maquette_value::fs::read_no_follow(&folder.join(TAG))
         .is_ok_and(|text| text == TAG_TEXT.as_bytes())
 }
 
-/// Checks that a folder is a cache, or may become one.
+/// Checks that a folder is a cache, or is missing or empty and so can become one.
 pub(super) fn check(folder: &Path) -> Result<(), DiskError> {
     if !folder.exists() {
         return Ok(());
@@ -82,7 +82,7 @@ pub(super) fn check(folder: &Path) -> Result<(), DiskError> {
         return Err(DiskError::OtherUser(folder.to_owned()));
     }
     let may_be_ours = is_tagged(folder) || is_empty(folder) || looks_ours(folder);
-    // The tag is looked for again, because another process may have written it in the meantime.
+    // Look for the tag again, because another process may have written it in the meantime.
     if may_be_ours || is_tagged(folder) {
         Ok(())
     } else {
@@ -105,8 +105,8 @@ fn is_empty(folder: &Path) -> bool {
     list(folder).all(|entry| is_temporary(&entry.path()))
 }
 
-/// Returns true if a folder without a tag is certainly a cache: all files in it have names of cache files, and some names are used only by
-/// caches.
+/// Returns true if a folder without a tag file is certainly a cache: all its files have names that the cache uses, and some of these names
+/// are used by nothing else.
 fn looks_ours(folder: &Path) -> bool {
     let contents = contents(folder);
     let is_known = contents.homes.iter().any(|home| home.join(FOLDERS[0]).is_dir())
@@ -118,7 +118,7 @@ fn looks_ours(folder: &Path) -> bool {
     contents.foreign.is_empty() && is_known
 }
 
-/// Returns true if a text is a fingerprint: 32 hexadecimal digits.
+/// Returns true if a text is the fingerprint of a build: 32 hexadecimal digits, letters in lower case.
 pub(super) fn is_fingerprint(text: &str) -> bool {
     text.len() == 32 && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
 }
@@ -144,7 +144,7 @@ pub(super) fn contents(folder: &Path) -> Contents {
 }
 
 impl Contents {
-    /// Adds the folder of a build.
+    /// Adds the files in the folder of one build.
     fn add_home(&mut self, home: PathBuf) {
         for entry in list(&home) {
             let name = name_of(&entry);
@@ -160,7 +160,7 @@ impl Contents {
         self.homes.push(home);
     }
 
-    /// Adds the files of a folder. `kind_of` returns the kind of file for a name, or `None` if the name is not used by the cache.
+    /// Adds the files of a folder. `kind_of` returns the kind of file for a name, or `None` if the cache does not use that name.
     fn add_all(&mut self, folder: &Path, kind_of: impl Fn(&str) -> Option<FileKind>) {
         for entry in list(folder) {
             let temporary = is_temporary(&entry.path()).then_some(FileKind::Temporary);
@@ -170,14 +170,14 @@ impl Contents {
 
     fn add(&mut self, entry: &DirEntry, kind: Option<FileKind>) {
         let path = entry.path();
-        // The metadata of a link is that of the link itself, not of its target.
+        // `DirEntry::metadata` does not follow a link, so a link is not a plain file here.
         match entry.metadata() {
             Ok(metadata) if metadata.is_file() && kind.is_some() => {
                 let used = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
                 let bytes = metadata.len();
                 self.files.extend(kind.map(|kind| CacheFile { path, kind, last_use: used, bytes }));
             }
-            // Another process has just removed the file.
+            // Another process has just removed the file. Ignore it.
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
             _ => self.foreign.push(path),
         }
@@ -196,7 +196,7 @@ fn is_folder(entry: &DirEntry) -> bool {
     entry.file_type().is_ok_and(|kind| kind.is_dir())
 }
 
-/// Returns true if a name is a hash in the form in which the cache writes hashes.
+/// Returns true if a file name is a hash, written as the cache writes hashes.
 fn is_hash(name: &str) -> bool {
     Hash::parse(name).is_some_and(|hash| hash.to_string() == name)
 }

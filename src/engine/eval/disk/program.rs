@@ -1,6 +1,6 @@
-//! Identifies the build of the running code. Results of another build are never used, because its code may compute other results.
+//! Identifies the running build of the code. Results of other builds are never used, because other code may compute other results.
 //!
-//! The code of a pack includes its nodes, value types, formats and readers, which may come from different crates.
+//! The code of a pack (a plug-in) includes its nodes, value types, file formats and readers, which may come from different crates.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -19,25 +19,25 @@ use super::folder::{PROGRAMS, is_fingerprint};
 use super::seal::{seal, unseal};
 use crate::writing::write_parts;
 
-/// True if this process is the maquette program, false if it is a host that has loaded maquette as a library.
+/// True if this process is the maquette program, and false if another program has loaded maquette as a library.
 static IS_PROGRAM: AtomicBool = AtomicBool::new(false);
 
-/// Declares that this process is the maquette program and not a host.
+/// Declares that this process is the maquette program, not another program that has loaded maquette as a library.
 pub fn this_is_a_program() {
     IS_PROGRAM.store(true, Ordering::Relaxed);
 }
 
-/// The id of the engine's build: see `build.rs`.
+/// The id of the engine's build, which `build.rs` sets. Empty if it is unknown.
 const BUILD: &str = env!("MAQUETTE_BUILD");
 
 /// Returns the fingerprint of all code that computes results: the engine and the packs, in their order. The fingerprint contains build ids,
-/// so a program and a library of the same build share results. Code without a build id is identified by the hash of the file from which it
-/// was loaded.
+/// so a program and a library of the same build have equal fingerprints and share results. Code without a build id is identified by the
+/// hash of the executable or library from which it was loaded.
 pub(super) fn fingerprint(folder: &Path, catalog: &Catalog) -> io::Result<String> {
     fingerprint_with(folder, BUILD, catalog.code())
 }
 
-/// Returns the fingerprint for an engine with this build id.
+/// Returns the fingerprint of the code for an engine with the build id `build`.
 fn fingerprint_with(folder: &Path, build: &'static str, packs: &[Code]) -> io::Result<String> {
     let others = build.is_empty().then(own_code).into_iter().collect();
     let engine = Code { pack: "", build, others };
@@ -45,7 +45,7 @@ fn fingerprint_with(folder: &Path, build: &'static str, packs: &[Code]) -> io::R
     let mut description = String::new();
     for Code { pack, build, others } in [&engine].into_iter().chain(packs) {
         let _ = writeln!(description, "{pack:?} is of {build:?}");
-        // Not all systems report the file from which code was loaded, so files are looked up only if some code has no build id.
+        // Look up the executable or library only for code without a build id, because not all systems report that file.
         let files = if others.is_empty() { BTreeSet::new() } else { files_of(others)? };
         for file in files {
             let hash = match hashes.get(&file) {
@@ -59,8 +59,8 @@ fn fingerprint_with(folder: &Path, build: &'static str, packs: &[Code]) -> io::R
     Ok(Hash::compute(description.as_bytes()).to_string()[..32].to_owned())
 }
 
-/// Returns the hash of a file of code. The hash is stored in the cache by the file's stamp (its metadata), because hashing takes longer
-/// than evaluating most graphs.
+/// Returns the hash of an executable or library. The hash is stored in the cache under the file's metadata (stamp), because computing it
+/// takes longer than evaluating most graphs.
 fn fingerprint_of(folder: &Path, file: &Path) -> io::Result<String> {
     let (memo, is_settled) = memo(folder, file)?;
     if let Some(known) =
@@ -70,22 +70,22 @@ fn fingerprint_of(folder: &Path, file: &Path) -> io::Result<String> {
     }
     let fingerprint = hash_code_file(file)?;
     if is_settled {
-        // If the hash cannot be stored, it is only computed again the next time.
+        // Ignore an error: if the hash cannot be stored, the next process computes it again.
         let text = fingerprint.as_bytes();
         let _ = write_parts(&memo, &[text, &seal(&memo, text)]);
     }
     Ok(fingerprint)
 }
 
-/// Returns the path of the memo, the file that stores the hash of a file of code. Also returns true if any later build would have another
-/// memo.
+/// Returns the path of the memo: the file in the cache that stores the hash of an executable or library. Also returns true if a later build
+/// of the executable is certain to get another memo.
 fn memo(folder: &Path, file: &Path) -> io::Result<(PathBuf, bool)> {
     let stamp = FileStat::read(file).ok_or_else(|| io::Error::other("no such program"))?;
     let name = Hash::compute(format!("{} {stamp:?}", file.display()).as_bytes()).to_string();
     Ok((folder.join(PROGRAMS).join(name), stamp.is_settled()))
 }
 
-/// Returns true if the memo belongs to the engine's own code and stores a wrong hash.
+/// Returns true if the memo at `path` is about this engine's own executable or library and stores a wrong hash.
 pub(super) fn is_outdated(folder: &Path, path: &Path, remembered: &str) -> bool {
     let Ok(files) = files_of(&[own_code()]) else { return false };
     files.iter().any(|file| {
@@ -100,12 +100,12 @@ fn hash_code_file(file: &Path) -> io::Result<String> {
     Ok(hasher.finalize().to_hex()[..32].to_owned())
 }
 
-/// Returns the address of a function in the engine's own code.
+/// Returns the address of a function of the engine, by which the engine's executable or library is found.
 fn own_code() -> usize {
     hash_code_file as fn(&Path) -> io::Result<String> as usize
 }
 
-/// Returns the files from which the code at the given addresses was loaded.
+/// Returns the executables and libraries from which the code at the given addresses was loaded.
 #[cfg(target_os = "linux")]
 fn files_of(addresses: &[usize]) -> io::Result<BTreeSet<PathBuf>> {
     let maps = std::fs::read_to_string("/proc/self/maps")?;
@@ -121,7 +121,8 @@ fn files_of(addresses: &[usize]) -> io::Result<BTreeSet<PathBuf>> {
         .collect()
 }
 
-/// Parses the range of addresses and the file in a line such as `55d0a000-55d0b000 r-xp 00001000 08:01 1234    /usr/bin/maquette`.
+/// Parses a line of `/proc/self/maps`, such as `55d0a000-55d0b000 r-xp 00001000 08:01 1234    /usr/bin/maquette`. Returns the range of
+/// addresses and the file.
 #[cfg(target_os = "linux")]
 fn parse_mapping(line: &str) -> Option<(Range<usize>, &str)> {
     let file = &line[line.find('/')?..];
@@ -133,7 +134,7 @@ fn parse_mapping(line: &str) -> Option<(Range<usize>, &str)> {
     Some((number(start)?..number(end)?, file))
 }
 
-/// Returns the executable if this process is the maquette program. On this system the file of a library cannot be determined.
+/// Returns the path of the executable if this process is the maquette program. This system does not report the file of a library.
 #[cfg(not(target_os = "linux"))]
 fn files_of(_: &[usize]) -> io::Result<BTreeSet<PathBuf>> {
     if !IS_PROGRAM.load(Ordering::Relaxed) {
@@ -142,7 +143,7 @@ fn files_of(_: &[usize]) -> io::Result<BTreeSet<PathBuf>> {
     std::env::current_exe().map(|program| [program].into())
 }
 
-/// Returns the hash that is stored in a memo.
+/// Returns the hash that is stored in a memo, or `None` if the memo is damaged.
 pub(super) fn read_memo(memo: &Path, bytes: Vec<u8>) -> Option<String> {
     let text = String::from_utf8(unseal(memo, bytes)?).ok()?;
     Some(text).filter(|text| is_fingerprint(text))
@@ -200,7 +201,7 @@ mod tests {
         ];
         let all = all.map(Result::unwrap);
         assert_eq!(BTreeSet::from_iter(&all).len(), all.len(), "{all:?}");
-        // If the file of some code is unknown, the fingerprint is an error, so no result is used.
+        // If the file of some code cannot be found, there is no fingerprint, and so no stored result is used.
         assert!(fingerprint_with(folder, "0", &[code("a", "", &[8])]).is_err());
     }
 

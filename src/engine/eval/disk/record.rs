@@ -1,4 +1,4 @@
-//! The record of the last evaluation of a graph, without values. From the record the next process knows what has changed, and why.
+//! The record of the last evaluation of a graph, without values. The next process compares it with the graph to find out what has changed.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -20,7 +20,7 @@ struct Record {
     /// The path of the graph file.
     #[serde(default)]
     graph: Option<String>,
-    /// The identity of the graph's topology.
+    /// The hash of the graph's structure (its nodes and links).
     shape: Hash,
     nodes: Vec<Node>,
     files: Vec<KnownFile>,
@@ -31,7 +31,7 @@ const VERSION: u32 = 3;
 #[derive(Serialize, Deserialize)]
 struct Node {
     name: String,
-    /// True if the last evaluation found this result, false if the result is from an earlier one.
+    /// True if the last evaluation produced this result, and false if it is left from an earlier evaluation.
     found: bool,
     result: Option<NodeResult>,
 }
@@ -67,7 +67,7 @@ pub(super) fn write(snapshot: &Snapshot, files: &[KnownFile]) -> Vec<u8> {
 /// The key of a result, with the name and the type of the node that computed it.
 pub(super) type ResultOwner = (Hash, String, String);
 
-/// Returns the graph file that a record is about, if it is known, and the last results of the graph's nodes.
+/// Returns the path of the graph file, if the record contains it, and the last results of the graph's nodes.
 pub(super) fn read_owners(bytes: &[u8]) -> Option<(Option<PathBuf>, Vec<ResultOwner>)> {
     let record: Record = serde_json::from_slice(bytes).ok()?;
     let nodes = record.nodes.into_iter().filter_map(|node| {
@@ -95,8 +95,8 @@ fn to_result(done: &NodeRecord) -> NodeResult {
     }
 }
 
-/// Returns the snapshot that a record contains, and the files that were read. Returns `None` if the record has another version or contains
-/// an unknown type.
+/// Returns the snapshot in a record, and the metadata of the files that were read. Returns `None` if the record has another version or
+/// contains an unknown type.
 pub(super) fn read(
     bytes: &[u8],
     graph: &Path,

@@ -1,5 +1,5 @@
-//! The checksum at the end of a file of the cache. It also covers the file's name, so an intact file that has been renamed is rejected like
-//! a damaged one.
+//! The checksum at the end of each cache file. It also covers the file's name. So an intact file under a wrong name is rejected like a
+//! damaged one.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ const LENGTH: usize = 32;
 /// Returns the checksum of `content` for the file at this path.
 pub(super) fn seal(path: &Path, content: &[u8]) -> [u8; LENGTH] {
     let mut hasher = blake3::Hasher::new();
-    // The checksum covers the file's name and the name of its folder, which determines the kind of file.
+    // Cover the names of the file and its folder. The folder determines the kind of file.
     let names = [path.parent().and_then(Path::file_name), path.file_name()];
     for name in names {
         let name = name.unwrap_or_default().as_encoded_bytes();
@@ -17,7 +17,7 @@ pub(super) fn seal(path: &Path, content: &[u8]) -> [u8; LENGTH] {
     *hasher.update(content).finalize().as_bytes()
 }
 
-/// Removes the checksum from the bytes of the file at this path. Returns `None` if the checksum does not match.
+/// Checks and removes the checksum at the end of the bytes of a file. Returns `None` if the checksum does not match.
 pub(super) fn unseal(path: &Path, mut bytes: Vec<u8>) -> Option<Vec<u8>> {
     let length = bytes.len().checked_sub(LENGTH)?;
     if seal(path, &bytes[..length])[..] != bytes[length..] {

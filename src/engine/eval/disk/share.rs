@@ -14,21 +14,21 @@ use super::{Disk, Store};
 /// The maximum size of an entry from a server, in bytes. Entries are small, because large data is in columns.
 const MAX_ENTRY_BYTES: u64 = 64 << 20;
 
-/// The environment variable with the token for a server.
+/// The environment variable that contains the access token for the server.
 const TOKEN: &str = "MAQUETTE_CACHE_REMOTE_TOKEN";
 
 impl Disk {
     /// Shares results with other machines through the server at this address, such as `http://host:8080/results`. The server must store
-    /// files that are sent by `PUT` and return them to a `GET`. A name and password are part of the address; a token is in
+    /// files that are sent by `PUT` and return them to a `GET`. Name and password are part of the address; a token is read from
     /// `MAQUETTE_CACHE_REMOTE_TOKEN`. An address `https://` needs a build with the feature `tls`. An address `s3://bucket/results` needs
-    /// the feature `s3`, and the keys in the usual variables such as `AWS_ACCESS_KEY_ID`.
+    /// the feature `s3`, and access keys in the usual variables such as `AWS_ACCESS_KEY_ID`.
     ///
-    /// Undamaged results from the server are written to the folder, and new results in the folder are sent to the server. No result depends
-    /// on the server: if it is slow, unreachable or wrong, it is ignored. As with the folder, everybody who can write to the server is
-    /// trusted.
+    /// Undamaged results from the server are written to the cache folder, and new results are sent to the server. The results of a graph do
+    /// not depend on the server: if it is slow, unreachable or sends wrong data, it is ignored. Everybody who can write to the server is
+    /// trusted, just as for the folder.
     ///
     /// # Errors
-    /// A message if the address is invalid, or there are no keys for a bucket.
+    /// A message if the address is invalid, or if the access keys for an S3 bucket are missing.
     pub fn with_server(self, server: &str) -> Result<Self, String> {
         let fingerprint = self.store.home.file_name().unwrap_or_default().to_string_lossy();
         let remote = Remote::new(address(server)?, &fingerprint);
@@ -36,18 +36,17 @@ impl Disk {
         Ok(self)
     }
 
-    /// Returns the first error of the server, or `None`.
+    /// Returns the first error that the server caused, or `None`.
     pub fn server_error(&self) -> Option<&str> {
         self.store.remote.get()?.problem()
     }
 
-    /// Returns the counts of requests to the server so far; `None` without a server.
+    /// Returns the numbers of requests to the server so far, or `None` if no server is used.
     pub fn exchange(&self) -> Option<RequestCounts> {
         self.store.remote.get().map(Remote::request_counts)
     }
 
-    /// Checks that a server answers at an address. Returns the address without name and password, and the error if the server does not
-    /// answer.
+    /// Checks that a server responds at an address. Returns the address without name and password, and the error if there is no response.
     ///
     /// # Errors
     /// A message if the address is invalid.
@@ -56,7 +55,7 @@ impl Disk {
         Ok((address.to_string(), check_server(&address)))
     }
 
-    /// Fetches a result that another machine computed, and writes it to the folder.
+    /// Fetches the result with this key, which another machine computed, and writes it to the cache folder.
     pub(in super::super) fn fetch(&self, key: Hash) -> Option<Outcome> {
         self.store.fetch_entry(key).map(Entry::outcome)
     }
@@ -69,12 +68,12 @@ fn address(server: &str) -> Result<Address, String> {
 }
 
 impl Store {
-    /// Returns the server, if its results can be written to the folder.
+    /// Returns the server, or `None` if results from it cannot be written to the cache folder.
     fn remote(&self) -> Option<&Remote> {
         self.remote.get().filter(|_| self.write_error.get().is_none())
     }
 
-    /// Sends a file of the cache to the server. `is_new` is true if the file has just been written.
+    /// Sends a cache file to the server. `is_new` is true if the file has just been written.
     pub(super) fn share(&self, path: impl FnOnce() -> PathBuf, is_new: bool) {
         if let Some(remote) = self.remote() {
             remote.put(path(), is_new);
@@ -92,7 +91,7 @@ impl Store {
         Some(entry)
     }
 
-    /// Fetches the missing columns of an entry from the server, if that probably takes less than `seconds`.
+    /// Fetches the missing columns of an entry from the server, if that is expected to take less than `seconds`.
     pub(super) fn fetch_columns(&self, entry: &Entry, seconds: f64) {
         let Some(remote) = self.remote() else { return };
         let missing: Vec<_> = entry

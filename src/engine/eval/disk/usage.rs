@@ -1,4 +1,4 @@
-//! The sizes of the cache by node and graph, and the removal of old files.
+//! Measures the size of a cache by node and graph, and removes old files.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs;
@@ -14,16 +14,16 @@ use super::seal::unseal;
 use super::{Disk, DiskError, FOLDERS, Store, entry, record};
 use crate::writing::{is_abandoned, remove, remove_empty, write_whole};
 
-/// The numbers of results, graphs and builds in a cache, and their size.
+/// The numbers of results, columns, graphs and builds in a cache, and the size of all files.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Usage {
     /// The number of stored results.
     pub entries: usize,
     /// The number of large columns of results.
     pub columns: usize,
-    /// The number of graphs whose last evaluation is stored.
+    /// The number of graphs for which the cache has a record of the last evaluation.
     pub graphs: usize,
-    /// The number of builds that have stored something.
+    /// The number of builds of the program that have stored results.
     pub programs: usize,
     /// The size of all files, in bytes.
     pub bytes: u64,
@@ -32,9 +32,9 @@ pub struct Usage {
 /// The number and size of the results of one node in a cache.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NodeSize {
-    /// The graph file. `None` if the results are not the last results of a known graph.
+    /// The path of the graph file. `None` if the results are not the last results of a known graph.
     pub graph: Option<PathBuf>,
-    /// The name of the node in the graph.
+    /// The name of the node in the graph. `None` if it is unknown.
     pub node: Option<String>,
     /// The type of the node; empty if unknown.
     pub kind: String,
@@ -53,11 +53,11 @@ pub struct Sizes {
     pub other: u64,
 }
 
-/// The graph, the name and the type of the node that a result belongs to.
+/// The graph file, the name and the type of the node that computed a result.
 type Owner = (Option<PathBuf>, Option<String>, String);
 
 impl Disk {
-    /// Returns the contents of a cache folder, of all builds.
+    /// Counts the files in a cache folder, for all builds of the program.
     ///
     /// # Errors
     /// If the folder exists and is not a cache.
@@ -78,7 +78,7 @@ impl Disk {
     }
 
     /// Drops the least recently used files until at most `limit` bytes are left. Also drops files that a killed process left unfinished.
-    /// Returns the number of bytes removed. Files that do not belong to the cache stay.
+    /// Returns the number of bytes removed. Files that do not belong to the cache are not touched.
     ///
     /// # Errors
     /// If the folder exists and is not a cache, or if some files cannot be removed. In the second case the other files have been removed.
@@ -100,7 +100,7 @@ impl Disk {
             }
             match remove(&path) {
                 Ok(()) => bytes -= size,
-                // Another process has removed the file.
+                // Another process has already removed the file.
                 Err(error) if error.kind() == ErrorKind::NotFound => bytes -= size,
                 Err(error) => {
                     let (count, _) = kept.get_or_insert((0, error));
@@ -109,7 +109,7 @@ impl Disk {
             }
         }
         for home in contents.homes {
-            // Removes the folders of builds that have no results left.
+            // Remove the folders of builds that have no results left.
             FOLDERS.iter().for_each(|name| remove_empty(&home.join(name)));
             remove_empty(&home);
         }
@@ -121,7 +121,7 @@ impl Disk {
 }
 
 impl Store {
-    /// Limits the size of the cache. Does so at most once an hour, unless much was written.
+    /// Applies the size limit of the cache. Does so at most once an hour, unless much has been written since.
     pub(super) fn tidy(&self) {
         let written = self.written.swap(0, Ordering::Relaxed);
         let stamp = self.folder.join(PROGRAMS).join(TIDIED);
@@ -129,7 +129,7 @@ impl Store {
         let age = last.and_then(|last| SystemTime::now().duration_since(last).ok());
         let due = age.is_none_or(|age| Duration::from_secs(3600) < age);
         if self.write_error.get().is_none() && 0 < written && (due || self.limit / 32 < written) {
-            // The stamp is written before the cleanup, so that other processes skip theirs.
+            // Set the time of the last cleanup before the cleanup itself, so that other processes skip theirs.
             let _ = write_whole(&stamp, b"");
             let _ = Disk::gc(&self.folder, self.limit);
         }
@@ -137,8 +137,8 @@ impl Store {
 }
 
 impl Disk {
-    /// Returns the sizes of the results in a cache folder, of all builds. The last results of a graph are listed by node, all others by
-    /// node type.
+    /// Returns the sizes of the results in a cache folder, for all builds. The last results of a graph are listed by node; all other
+    /// results are listed by node type.
     ///
     /// # Errors
     /// If the folder exists and is not a cache.
@@ -199,7 +199,7 @@ impl Disk {
     }
 }
 
-/// Returns the folder of the build that wrote a file.
+/// Returns the folder of the build that wrote a cache file.
 fn home(path: &Path) -> PathBuf {
     path.ancestors().nth(2).map_or_else(PathBuf::new, Path::to_owned)
 }

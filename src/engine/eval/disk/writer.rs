@@ -1,4 +1,4 @@
-//! A thread that writes results while other threads compute.
+//! A background thread that writes results to disk while other threads compute.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -17,7 +17,7 @@ use crate::writing::bring_to_disk;
 
 /// A task for the writing thread.
 pub(super) enum Job {
-    /// Writes a result. If `trusts_columns` is false, existing files of its columns are written again.
+    /// Write a result. If `trusted` is false, existing files of its columns are overwritten.
     Entry {
         key: Hash,
         /// The type of the node that computed the result.
@@ -31,24 +31,24 @@ pub(super) enum Job {
         snapshot: Arc<Snapshot>,
         files: Vec<KnownFile>,
     },
-    /// Writes a note about files, after these files are on disk.
+    /// Write a note about output files, after these files are on disk.
     Note {
         path: PathBuf,
         note: Vec<u8>,
         files: Vec<PathBuf>,
     },
-    /// Signals that all earlier jobs have been written.
+    /// Signal the sender: all earlier jobs are finished.
     Done(Sender<()>),
 }
 
 /// The maximum number of queued jobs. If the queue is full, sending a job blocks.
 const MAX_QUEUED_JOBS: usize = 64;
 
-/// The maximum total size of queued values, in bytes. If a job would exceed it, the thread that sends the job writes it itself. So the
-/// queue never holds much memory.
+/// The maximum total size of queued values, in bytes. A job that would exceed it is written by the sending thread itself, so the queue
+/// never holds much memory.
 const MAX_WAITING_BYTES: usize = 64 << 20;
 
-/// The reason for stopping if the bytes of a result no longer match its hash.
+/// The write error if the bytes of a result no longer match its hash.
 const CHANGED: &str = "something wrote into the memory of a result after it was computed";
 
 pub(super) struct Writer {
@@ -64,7 +64,7 @@ impl Writer {
         Self { store, waiting, entries, thread: Mutex::default() }
     }
 
-    /// Returns the number of entries sent so far.
+    /// Returns the number of entries that were sent to the writer so far.
     pub(super) fn entries(&self) -> usize {
         self.entries.load(Ordering::Relaxed)
     }
@@ -79,11 +79,11 @@ impl Writer {
             return job.run(&self.store);
         }
         let sender = self.sender();
-        // Sending cannot fail: the thread ends only after all senders.
+        // Sending cannot fail: the writing thread ends only after all senders are dropped.
         let _ = sender.send(job);
     }
 
-    /// Waits until all jobs that were sent so far are written.
+    /// Waits until all jobs sent so far are finished.
     pub(super) fn wait(&self) {
         if lock(&self.thread).is_some() {
             let (sender, receiver) = channel();
@@ -136,7 +136,7 @@ impl Job {
                 if !kept.iter().all(|kept| kept.is_intact) {
                     return store.stop(CHANGED);
                 }
-                // Columns are written before the entry that refers to them.
+                // Write the columns before the entry that refers to them, so that an entry on disk is complete.
                 for column in kept.iter().flat_map(|kept| &kept.columns) {
                     let is_new = store.write_column(&**column, trusted);
                     store.share(|| store.column_path(column.hash()), is_new);
@@ -147,7 +147,7 @@ impl Job {
             }
             Self::Record { path, snapshot, files } => {
                 store.write_checked(&path, &record::write(&snapshot, &files));
-                // A snapshot is the last job of an evaluation, so this is the time to limit the size of the cache.
+                // A snapshot is the last job of an evaluation, so apply the size limit of the cache now.
                 store.tidy();
             }
             Self::Note { path, note, files } => {

@@ -1,4 +1,4 @@
-//! Test nodes that compute with whole numbers. Some are cheap, one often gives equal results, and some read a file, fail or panic.
+//! Test nodes that compute with whole numbers. Some are cheap, one often returns equal results, and others read a file, fail or panic.
 
 use maquette_node::pack::Pack;
 use maquette_node::{Context, FilePath, In, Node, Previous, node};
@@ -7,7 +7,7 @@ use maquette_value::{DecodeError, Decoder, Encoder, Parts, Summary, Value, value
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A whole number that reports a size of a kilobyte. So a few numbers fill a small memory limit.
+/// A whole number that claims to need a kilobyte of memory, so that a few numbers exceed a small memory limit.
 #[derive(Clone, Debug)]
 struct Amount(u64);
 
@@ -138,7 +138,7 @@ impl Node for Fragile {
     }
 }
 
-/// The pack of all test nodes.
+/// A pack that contains all test nodes.
 pub(super) const PACK: Pack = Pack {
     name: "amounts",
     nodes: &[node::<Add>(), node::<Split>(), node::<Read>(), node::<Fragile>()],

@@ -1,4 +1,4 @@
-//! An evaluation without a cache: every needed node runs, in the graph's order.
+//! A reference evaluation without a cache: every needed node runs, in the graph's order.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -11,9 +11,9 @@ use maquette_value::{AnyValue, Hash};
 
 use crate::eval::key::Parts;
 
-/// The right result of a node, as computed without a cache.
+/// The right result of a node, computed without a cache.
 pub(super) enum Truth {
-    /// The node is not needed for the requested nodes.
+    /// No requested node depends on this node.
     Unwanted,
     Given {
         values: Vec<AnyValue>,
@@ -38,7 +38,7 @@ impl Truth {
     }
 }
 
-/// Returns the right results of all nodes, if the nodes `roots` are requested.
+/// Returns the right result of each node when the nodes `roots` are requested.
 pub(super) fn evaluate(graph: &Graph, roots: &[usize]) -> Vec<Truth> {
     let mut wanted = vec![false; graph.nodes().len()];
     roots.iter().for_each(|&root| wanted[root] = true);

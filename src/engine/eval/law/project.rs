@@ -1,4 +1,4 @@
-//! A project folder with a graph, a used graph and files; and the edits that an author makes in it.
+//! A project folder with a graph, a second graph that the first one uses, and files. Random edits imitate the edits of an author.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -12,29 +12,29 @@ struct Node {
     name: String,
     kind: Kind,
     number: u8,
-    /// The targets of the node's links, as indices of earlier nodes.
+    /// The nodes to which this node links, as indices. All of them are earlier nodes.
     links: Vec<usize>,
-    /// True if the node's links lead to the second outputs of their targets.
+    /// True if the node's links lead to the second output of each linked node, instead of the first.
     uses_other_outputs: bool,
 }
 
-/// The intended state of the project; [`Project::save`] writes it to the folder.
+/// The project after all edits so far. [`Project::save`] writes it to the folder.
 pub(super) struct Project {
     folder: PathBuf,
     nodes: Vec<Node>,
-    /// The number that the used graph adds.
+    /// The number that the used graph adds to its input.
     inner_number: u8,
-    /// True if the used graph has one more node.
+    /// True if the used graph has one more node than usual.
     has_extra_node: bool,
-    /// True if `Switch` nodes choose their second case.
+    /// True if the `Switch` nodes choose their second case, false for the first.
     chooses_second: bool,
-    /// The number of node names that have been used so far. A name is never used again.
+    /// The number of node names used so far. A name is not used again after its node is removed.
     named: usize,
     /// The number of edits so far.
     changes: u8,
 }
 
-/// The files that nodes read; the last one is optional.
+/// The files that nodes read. The last file may be missing.
 const FILES: [&str; 3] = ["a.txt", "b.txt", "extra"];
 
 impl Project {
@@ -63,12 +63,12 @@ impl Project {
         self.nodes.is_empty()
     }
 
-    /// Returns the name of the node with the number `pick` modulo the number of nodes.
+    /// Returns the name of a node. `pick` selects the node, modulo the number of nodes.
     pub(super) fn name(&self, pick: u8) -> &str {
         &self.nodes[usize::from(pick) % self.nodes.len()].name
     }
 
-    /// Applies an edit. If the edit is impossible, it changes nothing.
+    /// Applies an edit to the project. An impossible edit changes nothing.
     pub(super) fn edit(&mut self, edit: &Edit) {
         self.changes = self.changes.wrapping_add(1);
         let count = self.nodes.len();
@@ -88,7 +88,7 @@ impl Project {
             Edit::Date { file, seconds } => {
                 let date = SystemTime::now() - Duration::from_secs(u64::from(seconds));
                 let file = fs::File::options().append(true).open(self.file(file));
-                // The file may be missing.
+                // Ignore an error: the file may be missing.
                 let _ = file.and_then(|file| file.set_modified(date));
             }
             Edit::Delete { file } => drop(fs::remove_file(self.file(file))),
@@ -130,7 +130,7 @@ impl Project {
         self.nodes.insert(at, Node { name, kind, number, links, uses_other_outputs: false });
     }
 
-    /// Removes a node. Links to the node are changed to the node before it.
+    /// Removes a node. Links to the node are redirected to the node before it.
     fn remove(&mut self, at: usize) {
         self.nodes.remove(at);
         for node in &mut self.nodes[at..] {
@@ -141,7 +141,7 @@ impl Project {
         }
     }
 
-    /// Swaps a node with the next one, unless the next one depends on it.
+    /// Swaps a node with the node after it, unless the later one depends on the first.
     fn swap(&mut self, at: usize) {
         if at + 1 < self.nodes.len() && !self.nodes[at + 1].links.contains(&at) {
             self.nodes.swap(at, at + 1);
@@ -163,7 +163,7 @@ impl Project {
         fs::write(self.file(file), content(number)).unwrap();
     }
 
-    /// Writes the graphs to the folder.
+    /// Writes both graph files to the folder.
     fn save(&self) {
         let longer = if self.has_extra_node { r#""c": Split(of: "b"),"# } else { "" };
         let out = if self.has_extra_node { "c.remainder" } else { "b" };
@@ -190,7 +190,7 @@ impl Project {
         fs::write(self.path(), text).unwrap();
     }
 
-    /// Returns the text of a node. If the node needs links but has none, a plain number is written instead.
+    /// Returns the text of a node in the graph file. If the node needs links but has none, the text is a plain number instead.
     fn call(&self, node: &Node) -> String {
         let link = |at: usize| {
             let to = &self.nodes[*node.links.get(at % node.links.len().max(1))?];
@@ -201,7 +201,7 @@ impl Project {
                 }
                 _ => "",
             };
-            // Only the first element of a list is used.
+            // Use only the first element of a list.
             let element = if to.kind == Kind::Each && !to.links.is_empty() { "/1" } else { "" };
             Some(format!("\"{}{element}{output}\"", to.name))
         };

@@ -1,4 +1,4 @@
-//! Checks that an evaluation keeps its promises, by comparing it with the right results.
+//! Checks that an evaluation is right, by comparing it with a reference evaluation without a cache.
 
 use std::collections::{HashMap, HashSet};
 
@@ -22,7 +22,7 @@ macro_rules! promise {
 
 pub(super) use promise;
 
-/// Checks that everything that an evaluation returns is right. If the evaluation was not cancelled, checks that it is complete, too.
+/// Checks that everything that an evaluation returns is right. If it was not cancelled, also checks that nothing is missing.
 pub(super) fn agree(
     graph: &Graph,
     truths: &[Truth],
@@ -47,7 +47,7 @@ pub(super) fn agree(
     Ok(())
 }
 
-/// An evaluation that was completed, not cancelled.
+/// An evaluation that was not cancelled, with the right results.
 pub(super) struct CompletedEvaluation<'a> {
     pub(super) graph: &'a Graph,
     pub(super) truths: &'a [Truth],
@@ -55,8 +55,8 @@ pub(super) struct CompletedEvaluation<'a> {
 }
 
 impl CompletedEvaluation<'_> {
-    /// Checks that the trace lists the requested nodes in order, each in a state that is possible. Checks that exactly those nodes have
-    /// started that ran according to the trace.
+    /// Checks that the trace lists the requested nodes in order, each in a possible state. Also checks that the trace and the observer
+    /// agree on which nodes ran.
     pub(super) fn states(&self, started: &[String]) -> Result<(), String> {
         let trace = self.evaluation.trace();
         let nodes =
@@ -91,7 +91,7 @@ impl CompletedEvaluation<'_> {
         Ok(())
     }
 
-    /// Checks that of several equal nodes exactly one ran, and only if no process had computed the result before.
+    /// Checks that of all nodes with the same key exactly one ran, and only if no process had computed that result before.
     pub(super) fn runs(&self, known: &HashSet<Hash>, started: &[String]) -> Result<(), String> {
         let mut runs: HashMap<Hash, usize> = HashMap::new();
         let mut above = vec![false; self.truths.len()];
@@ -122,7 +122,7 @@ impl CompletedEvaluation<'_> {
         Ok(())
     }
 
-    /// Checks that the forecasts agree with the evaluation.
+    /// Checks that the forecasts made before the evaluation agree with its trace.
     pub(super) fn forecast(&self, forecasts: &[Forecast]) -> Result<(), String> {
         let trace = self.evaluation.trace();
         let names = forecasts.iter().map(|forecast| &self.graph.nodes()[forecast.index].name);
@@ -141,7 +141,7 @@ impl CompletedEvaluation<'_> {
             });
             let possible = match forecast.outlook {
                 Outlook::Cached => matches!(state, State::Cached),
-                // The node may be found in the cache: another node with the same key may have been computed first.
+                // A state other than `Computed` is possible: another node with the same key may have been computed first.
                 Outlook::Runs => state != State::Skipped || !inputs_are_known,
                 Outlook::MayRun => true,
                 Outlook::Fails => state == State::Failed,
@@ -157,7 +157,7 @@ impl CompletedEvaluation<'_> {
         Ok(())
     }
 
-    /// Checks that each reason names the difference from the last evaluation.
+    /// Checks that the reason in each trace names what has changed since the last evaluation.
     pub(super) fn reasons(&self, last: &LastParts) -> Result<(), String> {
         let trace = self.evaluation.trace();
         let mut trace = trace.0.iter();

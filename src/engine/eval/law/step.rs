@@ -1,4 +1,4 @@
-//! The random steps of a test sequence, with their probabilities.
+//! The random steps of a test sequence, and how often each kind of step occurs.
 
 use proptest::prelude::*;
 
@@ -14,7 +14,8 @@ pub(super) enum Kind {
     Switch,
 }
 
-/// An edit of the project. Nodes are selected by numbers modulo the number of nodes, so a sequence stays valid if steps are removed.
+/// An edit of the project. Nodes are selected by numbers modulo the number of nodes, so a sequence stays valid when the test removes steps
+/// to shrink it.
 #[derive(Clone, Debug)]
 pub(super) enum Edit {
     Add {
@@ -43,7 +44,7 @@ pub(super) enum Edit {
     Turn {
         node: u8,
     },
-    /// Changes the links of the node to the other outputs of the same nodes.
+    /// Moves each link of the node to the other output of the same linked node.
     Other {
         node: u8,
     },
@@ -73,29 +74,28 @@ pub(super) enum Edit {
     Delete {
         file: u8,
     },
-    /// Waits until the stamps of all files are old enough to be trusted.
+    /// Waits until the files are so old that their modification times prove that they are unchanged.
     Settle,
 }
 
-/// A command to one of the processes that evaluate the graph.
+/// A command to one of the simulated processes that evaluate the graph.
 #[derive(Clone, Debug)]
 pub(super) enum Command {
-    /// Evaluates the nodes `wanted`, or all nodes if the list is empty. If `values` is true their values are requested, otherwise only the
-    /// hashes.
+    /// Evaluates the nodes `wanted`, or all nodes if the list is empty. Requests the values if `values` is true, otherwise only the hashes.
     Evaluate { wanted: Vec<u8>, values: bool },
-    /// Like `Evaluate`, but cancels the evaluation after this number of nodes has started.
+    /// Evaluates like `Evaluate`, but cancels after `after` nodes have started.
     Cancel { wanted: Vec<u8>, after: usize },
-    /// Starts another process, with the disk cache if `disk` is true. The earlier process stays alive if `keep` is true.
+    /// Starts another process. `disk` says if it has the disk cache, and `keep` if the earlier process stays alive.
     Process { keep: bool, disk: bool },
-    /// Sets the memory limit of results.
+    /// Sets the memory limit of results to this number of kilobytes.
     Memory { kilobytes: usize },
     /// Clears the disk cache.
     Clear,
-    /// Damages the file of the cache with this number, at a position.
+    /// Damages a cache file. `file` selects the file and `at` the position of the damage.
     Damage { file: u16, at: u16 },
     /// Drops all results in memory.
     Forget,
-    /// Computes a fraction of the cached results again and compares them with the cache.
+    /// Sets the fraction (in 1/255) of cached results that is computed again and compared with the cache.
     Verify { fraction: u8 },
 }
 
@@ -171,7 +171,7 @@ fn command() -> impl Strategy<Value = Command> {
     ]
 }
 
-/// Returns a strategy for sequences: first some nodes are added, then random steps follow.
+/// Returns a strategy that generates sequences. Each begins with edits that add nodes, followed by random steps.
 pub(super) fn sequence() -> impl Strategy<Value = Vec<Step>> {
     let first = prop::collection::vec(add().prop_map(Step::Edit), 1..7);
     let step = prop_oneof![edit().prop_map(Step::Edit), command().prop_map(Step::Command)];

@@ -1,16 +1,16 @@
-//! An adaptive arithmetic coder for whole numbers. It learns the probability of each binary decision.
+//! An adaptive arithmetic coder for whole numbers. It learns the probability of each kind of binary decision.
 //!
 //! It is a range coder with carry, as in Martin, "Range encoding: an algorithm for removing redundancy from a digitised message" (1979), in
 //! the binary form of LZMA. The probability of each decision is the mean of two estimates; one of them adapts faster than the other.
 
-/// Two estimates of the probability that a decision is "no", in units of 2^-16.
+/// Two estimates of the probability that a decision is "no", in units of 2^-16. One adapts fast, the other slowly.
 #[derive(Clone, Copy)]
 pub(super) struct Bit {
     fast: u16,
     slow: u16,
 }
 
-/// The initial state: both outcomes are equally likely.
+/// The initial estimate: "yes" and "no" are equally likely.
 pub(super) const EVEN: Bit = Bit { fast: 1 << 15, slow: 1 << 15 };
 
 impl Bit {
@@ -31,12 +31,12 @@ impl Bit {
     }
 }
 
-/// Writes or reads binary decisions. Because writing and reading run the same code, the format is defined only once.
+/// Writes or reads binary decisions. Writing and reading run the same code, so the format is defined in one place.
 pub(super) trait Coder {
-    /// Codes a decision. A writer writes `yes` and returns it; a reader returns the decision that it has read.
+    /// Codes a decision whose probability is `bit`. A writer writes `yes` and returns it; a reader returns the decision that it has read.
     fn bit(&mut self, bit: &mut Bit, yes: bool) -> bool;
 
-    /// Codes the lowest `count` bits of a number, at most 64. Each bit is assumed to be 0 or 1 with equal probability.
+    /// Codes the lowest `count` bits of a number (at most 64). Each bit is assumed to be 0 or 1 with equal probability.
     fn plain(&mut self, count: u32, number: u64) -> u64;
 }
 
@@ -53,7 +53,7 @@ impl Writer {
         Self { low: 0, range: u32::MAX, held: 0, n_held: 1, bytes: Vec::new() }
     }
 
-    /// Outputs a byte. Bytes that a carry may still change are held back.
+    /// Outputs a byte. Bytes that a later carry may still change are held back.
     fn shift(&mut self) {
         if self.low < 0xff00_0000 || self.low > 0xffff_ffff {
             let carry = (self.low >> 32) as u8;
@@ -72,7 +72,7 @@ impl Writer {
         for _ in 0..5 {
             self.shift();
         }
-        // Zeros at the end need not be written, because a reader reads bytes past the end as zero.
+        // Omit zeros at the end, because a reader treats missing bytes as zeros.
         while self.bytes.last() == Some(&0) {
             self.bytes.pop();
         }
@@ -121,7 +121,7 @@ pub(super) struct Reader<'a> {
 impl<'a> Reader<'a> {
     pub(super) fn new(bytes: &'a [u8]) -> Self {
         let mut reader = Self { code: 0, range: u32::MAX, bytes };
-        // The first of the five bytes is the initial value of the writer's held-back byte.
+        // The first of the five bytes is the one that the writer holds back at the start.
         (0..5).for_each(|_| reader.shift());
         reader
     }
@@ -169,15 +169,15 @@ impl Coder for Reader<'_> {
     }
 }
 
-/// Returns the number of binary digits of a number, from 0 to 64.
+/// Returns the number of binary digits of a number, from 0 to 64. It is 0 for the number 0.
 pub(super) fn length(number: u64) -> usize {
     64 - number.leading_zeros() as usize
 }
 
-/// The states for coding numbers: for the decisions on their lengths, and on their upper digits.
+/// The learned probabilities for coding numbers: those of their lengths, and those of their highest digits.
 pub(super) struct Numbers {
     lengths: [Bit; 128],
-    /// For each length, the states for the sign and for the two digits after the first.
+    /// For each length of a number, the probabilities of its sign and of the two digits after the first.
     digits: Vec<[Bit; 4]>,
 }
 
@@ -186,7 +186,7 @@ impl Numbers {
         Self { lengths: [EVEN; 128], digits: vec![[EVEN; 4]; 65] }
     }
 
-    /// Codes a signed number. Numbers with a small magnitude take fewer bits.
+    /// Codes a signed number. A number near 0 takes fewer bits.
     pub(super) fn code(&mut self, coder: &mut impl Coder, number: i64) -> i64 {
         let size = number.unsigned_abs();
         let mut node = 1;
@@ -202,7 +202,7 @@ impl Numbers {
         let negative = coder.bit(&mut bits[0], number < 0);
         let mut read = 1u64;
         let mut left = length - 1;
-        // The probabilities of the two digits after the first are learned. The other digits are nearly random.
+        // Learn the probabilities of only the two digits after the first. The other digits are nearly random.
         let mut node = 1;
         while left > 0 && node < 4 {
             left -= 1;

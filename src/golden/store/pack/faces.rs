@@ -1,18 +1,18 @@
-//! Codes the corners of faces. Each corner is coded by the rank of its vertex among the likely vertices.
+//! Codes the corners of faces. The vertex at each corner is coded by its rank in a list of likely vertices (candidates).
 //!
-//! If two faces share an edge, they traverse the edge in opposite directions. So the vertex that follows a vertex in a face is mostly the
-//! start of an edge which ends at that vertex and which only one face has traversed so far (an open edge). Gumhold and Strasser, "Real time
-//! compression of triangle mesh connectivity" (1998), grow a region in this way; here the faces keep their order.
+//! Two faces that share an edge pass it in opposite directions. So after a vertex `v`, a face mostly continues to the start of an edge that
+//! ends at `v` and that only one face has passed so far (an open edge). Gumhold and Strasser, "Real time compression of triangle mesh
+//! connectivity" (1998), grow a region in this way. Here the faces keep their order.
 
 use super::coder::{Bit, Coder, EVEN, Numbers};
 
-/// The maximum number of likely vertices for a corner.
+/// The maximum number of candidates (likely vertices) for a corner.
 const MAX_CANDIDATES: usize = 12;
 
-/// The maximum number of open edges that are kept for a vertex.
+/// The maximum number of open edges that are stored for a vertex.
 const MAX_OPEN_EDGES: usize = 8;
 
-/// The likely vertices of a corner, with the likeliest first. Each occurs once.
+/// The candidates for a corner, the likeliest first. Each vertex occurs once.
 #[derive(Default)]
 struct Candidates {
     vertices: [u32; MAX_CANDIDATES],
@@ -29,7 +29,7 @@ impl Candidates {
     }
 }
 
-/// The open edges: for each vertex, the start vertices of the open edges that end there, with the latest last.
+/// The open edges: for each vertex, the start vertices of the open edges that end there. The latest is the last.
 #[derive(Default)]
 struct OpenEdges(Vec<Vec<u32>>);
 
@@ -39,7 +39,7 @@ impl OpenEdges {
     }
 
     fn insert(&mut self, from: u32, to: u32) {
-        // A damaged file may contain vertices that do not exist. No memory is allocated for such a vertex.
+        // Ignore vertices with huge indices, for which much memory would be allocated. Only a damaged file contains them.
         if to as usize >= self.0.len() + (1 << 20) {
             return;
         }
@@ -53,7 +53,7 @@ impl OpenEdges {
         open.push(from);
     }
 
-    /// Removes an open edge. Returns true if it existed.
+    /// Removes the open edge from `from` to `to`. Returns true if it existed.
     fn take(&mut self, from: u32, to: u32) -> bool {
         let Some(open) = self.0.get_mut(to as usize) else { return false };
         let found = open.iter().rposition(|&other| other == from);
@@ -61,10 +61,10 @@ impl OpenEdges {
     }
 }
 
-/// Codes the corners of faces; `sides` is the number of corners of each face. For reading, `corners` is empty.
+/// Codes the corners of faces. `sides` contains the number of corners of each face. For reading, `corners` is empty.
 pub(super) fn code(coder: &mut impl Coder, sides: &[usize], corners: &[u32]) -> Option<Vec<u32>> {
     let mut read: Vec<u32> = Vec::new();
-    // The open edges by their end vertex, and by their start vertex.
+    // The open edges by their end vertex, and the same edges by their start vertex.
     let (mut to, mut from) = (OpenEdges::default(), OpenEdges::default());
     let mut ranks = vec![[EVEN; MAX_CANDIDATES + 1]; 4 * (MAX_CANDIDATES + 2)];
     let mut residuals = Numbers::new();

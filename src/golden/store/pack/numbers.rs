@@ -1,33 +1,34 @@
-//! Codes whole numbers of elements. Each number is predicted from its neighbors, and only the small residual is coded.
+//! Codes elements of whole numbers. Each number is predicted from earlier neighbors, and only the residual (the small difference from the
+//! prediction) is coded.
 
 use super::coder::{Bit, Coder, EVEN, Numbers, length};
 
-/// The neighborhood from which an element is predicted. Only neighbors that come before the element are used.
+/// The kind of neighbors from which an element is predicted. Only neighbors that come before the element are used.
 pub(super) enum Layout<'a> {
     /// The neighbors are the previous elements in the list.
     List,
-    /// The neighbors are the elements at the left and above, in a grid with rows of this length.
+    /// The elements form a grid with rows of this length. The neighbors are the elements at the left and above.
     Grid(usize),
     /// The neighbors are the vertices that share a face with the element.
     Mesh(&'a MeshNeighbors),
 }
 
-/// For each vertex, the earlier vertices from which it is predicted: its neighbors, and the other corners of parallelograms.
+/// For each vertex, the earlier vertices from which it is predicted: its neighbors in a face, and the opposite vertex in the adjacent face.
 pub(super) struct MeshNeighbors {
-    /// The index in `corners` at which the entries of each vertex begin.
+    /// The index at which the entries of each vertex begin in `corners`.
     starts: Vec<u32>,
-    /// Each entry has two neighbors of a vertex in a face, and the vertex opposite to them in the adjacent face. If there is no opposite
-    /// vertex, the third number is the vertex itself.
+    /// Two neighbors of a vertex in a face, and the vertex opposite to them in the adjacent face. The prediction completes the
+    /// parallelogram. Without an opposite vertex, the third number is the vertex itself.
     corners: Vec<[u32; 3]>,
 }
 
 impl MeshNeighbors {
-    /// Creates the neighbors of the vertices of a mesh. Returns `None` if a corner is not a vertex.
+    /// Finds the neighbors of the vertices of a mesh. Returns `None` if a corner refers to a vertex that does not exist.
     pub(super) fn new(vertices: usize, sides: &[usize], corners: &[u32]) -> Option<Self> {
         if corners.iter().any(|&vertex| vertex as usize >= vertices) {
             return None;
         }
-        // For each edge of a triangle, the vertex opposite to the edge; sorted by edge.
+        // For each edge of a triangle, the vertex opposite to it. Sorted by edge.
         let mut across: Vec<([u32; 2], u32)> = Vec::new();
         let mut around: Vec<(u32, [u32; 3])> = Vec::with_capacity(corners.len());
         let mut rest = corners;
@@ -46,7 +47,7 @@ impl MeshNeighbors {
         across.sort_unstable();
         for (vertex, [before, next, opposite]) in &mut around {
             if opposite == vertex {
-                // The face on the other side of the edge traverses the edge in the other direction.
+                // The face on the other side passes the edge in the opposite direction.
                 let edge = [*before, *next];
                 let found = across.binary_search_by_key(&edge, |(edge, _)| *edge);
                 *opposite = found.map_or(*vertex, |place| across[place].1);
@@ -69,10 +70,10 @@ impl MeshNeighbors {
     }
 }
 
-/// The number of ways in which a number is predicted.
+/// The number of formulas by which a number is predicted.
 const WAYS: usize = 4;
 
-/// Whole numbers, `width` for each element. An element that is not a whole number (an odd element) contains the bits of floating-point
+/// Whole numbers, `width` for each element. An element that is stored to the last bit (an odd element) contains the bits of floating-point
 /// numbers instead.
 #[derive(Clone, Default)]
 pub(super) struct WholeNumbers {
@@ -88,12 +89,12 @@ impl WholeNumbers {
         is_whole.then(|| self.numbers[element * self.width + component])
     }
 
-    /// Returns a component of the element that is `back` positions before the next one.
+    /// Returns a component of an earlier element: the one `back` positions before the next element.
     fn earlier_number(&self, back: usize, component: usize) -> Option<i64> {
         self.number(self.odd.len().checked_sub(back)?, component)
     }
 
-    /// Returns true if the element that is `back` positions before the next one is odd.
+    /// Returns true if the element `back` positions before the next element is odd.
     fn is_earlier_odd(&self, back: usize) -> bool {
         self.odd.len().checked_sub(back).is_some_and(|element| self.odd[element])
     }
@@ -103,7 +104,7 @@ impl WholeNumbers {
         self.numbers.get(element * self.width + component).copied().unwrap_or(0)
     }
 
-    /// Returns the predictions for a component of the next element.
+    /// Returns the predictions of each formula for a component of the next element.
     fn guesses(&self, layout: &Layout<'_>, component: usize) -> [Option<i64>; WAYS] {
         let element = self.odd.len();
         let before = self.earlier_number(1, component);
@@ -142,7 +143,7 @@ impl WholeNumbers {
     }
 }
 
-/// Codes `count` elements. A reader uses only the width of `given`.
+/// Codes `count` elements. A reader uses only the width of `given`, because it does not know the numbers yet.
 pub(super) fn code(
     coder: &mut impl Coder,
     layout: &Layout<'_>,
@@ -155,7 +156,7 @@ pub(super) fn code(
     let mut odd_bits = [EVEN; 4];
     let mut unknown_bit: Bit = EVEN;
     let mut tables: Vec<Numbers> = (0..2 * LEVELS).map(|_| Numbers::new()).collect();
-    // For each component: the recent error of each prediction, and the recent length of the residuals in sixteenths of a bit.
+    // For each component, the recent error of each prediction. `lengths` are the recent lengths of the residuals, in sixteenths of a bit.
     let mut off = vec![[0u64; 2 * WAYS]; width];
     let mut lengths = vec![0usize; width];
     let mut last = vec![0i64; width];
@@ -181,7 +182,7 @@ pub(super) fn code(
         for component in 0..width {
             let guesses = read.guesses(layout, component);
             let number = given.number_or_zero(element, component);
-            // The second half of the predictions adds the error that the same prediction had for the previous component.
+            // The second half of the predictions is the first half, corrected by the residual of the previous component.
             let guess_of = |way: usize| match way {
                 way if way < WAYS => guesses[way],
                 _ if component == 0 => None,

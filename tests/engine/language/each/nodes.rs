@@ -77,7 +77,7 @@ impl Node for Rim {
     }
 }
 
-/// A third-party value: a string of numbered beads. Each bead is an element, which is a string of one bead.
+/// A third-party value type: a string of numbered beads. Its elements are the beads, each as a string of one bead.
 #[derive(Clone, Debug)]
 pub(super) struct Beads(pub(super) Vec<u8>);
 

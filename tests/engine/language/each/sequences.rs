@@ -1,4 +1,5 @@
-//! Random sequences of data with changing numbers of elements: a session that keeps earlier results gives the same result as a new one.
+//! Random sequences of data with changing numbers of elements. A session that keeps earlier results must give the same results as a new
+//! session.
 
 use maquette::value::Points;
 use maquette::{AnyValue, Graph, Run, Session, Settings, State};
@@ -6,7 +7,7 @@ use proptest::prelude::*;
 
 use super::{Folder, PACK, messages, session, spots};
 
-/// A graph with several `ForEach` loops: over labels, over the result of another loop, and inside of another loop. One loop carries a value
+/// A graph with several `ForEach` loops: over labels, over the result of another loop, and inside of another loop. One loop passes a value
 /// from element to element, and one passes the number of the element to its graph.
 const GRAPH: &str = r#"use: { "Grow": "grow.ron" }, inputs: { "labels": Labels() },
     nodes: {
@@ -27,7 +28,7 @@ const GROW: &str = r#"inputs: { "point": Points(), "others": Points() },
     },
     outputs: { "points": "all" }"#;
 
-/// Runs a graph and returns the values of its outputs and the messages.
+/// Runs a graph. Returns the values of its outputs, and the messages.
 fn run_with_labels(
     session: &mut Session,
     graph: &Graph,
