@@ -2,11 +2,11 @@
 
 use maquette_node::Limit;
 
-/// The maximum number of vertices of a mesh that a node generates from a few numbers. So many vertices need about 2 GB of memory, with
-/// normals, texture coordinates and faces.
+/// The maximum number of vertices of a mesh that a node generates from a few numbers. A mesh of this size needs about 2 GB of memory,
+/// including its normals, texture coordinates and faces.
 pub const VERTICES: Limit =
     Limit { max: 1 << 24, items: "vertices", help: "choose fewer rows, columns or sides" };
 
-/// The maximum number of points of a newly created net or grid. So many points need about 400 MB of memory.
+/// The maximum number of points of a newly created net or grid. A net or grid of this size needs about 400 MB of memory.
 pub const POINTS: Limit =
     Limit { max: 1 << 22, items: "points", help: "choose fewer rows or columns" };

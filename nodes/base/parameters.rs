@@ -8,9 +8,10 @@ pub fn uniform_parameters(points: usize) -> Vec<f64> {
     (0..points).map(|k| k as f64 / (points - 1).max(1) as f64).collect()
 }
 
-/// Returns a parameter from 0 to 1 for each control point along the direction `along`. It is the fraction of a line's length up to the
-/// point, averaged over all lines of the net. The length of the step between two neighboring points is `measure` of their distance. Lines
-/// without length are skipped; if there are no other lines, the parameters are evenly spaced.
+/// Returns a parameter from 0 to 1 for each control point of a line in the direction `along`. The parameter is the fraction of the line's
+/// length that is before the point, averaged over all lines of the net. A segment between two neighboring points contributes
+/// `measure(distance)` to the length of its line. Lines without length are skipped; if no line has a length, the parameters are evenly
+/// spaced.
 ///
 /// Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), algorithm A9.3.
 pub fn parameters(

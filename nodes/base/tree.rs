@@ -58,8 +58,8 @@ impl Tree {
         &self.points
     }
 
-    /// Replaces `squares` by the squared distances from `at` to its `count` nearest points, ascending. There are fewer if the tree has
-    /// fewer points.
+    /// Replaces the contents of `squares` by the squared distances from `at` to its `count` nearest points, ascending. The list is shorter
+    /// if the tree has fewer points.
     pub fn nearest_squares(&self, at: &Point3<f64>, count: usize, squares: &mut Vec<f64>) {
         squares.clear();
         let limit = if count == 0 { -1.0 } else { f64::INFINITY };

@@ -23,7 +23,7 @@ pub trait AttributeTransfer {
     }
 }
 
-/// In this case each row expresses a new element as a weighted mean of old elements.
+/// Each row of the sparse matrix expresses a new element as a weighted mean of old elements.
 impl AttributeTransfer for Stencils {
     fn column<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         self.apply(old)

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 pub struct BandedMatrix {
     n: usize,
     half: usize,
-    /// The entries of the band, row by row; each row from `half` columns before the diagonal to `half` columns after it.
+    /// The entries of the band, row by row. Each row has the entries from `half` columns before the diagonal to `half` columns after it.
     entries: Vec<f64>,
 }
 
@@ -72,7 +72,7 @@ impl BandedMatrix {
 pub struct Factors(BandedMatrix);
 
 impl Factors {
-    /// Replaces the right side by the solution.
+    /// Solves the system: replaces its right side by the solution.
     pub fn solve(&self, right: &mut [Vector3<f64>]) {
         let matrix = &self.0;
         for row in 0..matrix.n {

@@ -50,7 +50,7 @@ struct Factor {
     first: usize,
     /// The number of unknowns in the group.
     count: usize,
-    /// The nonzero rows after the group, as positions in the elimination order, ascending.
+    /// The rows below the group that have nonzero entries in its columns, as positions in the elimination order, ascending.
     below: Vec<u32>,
     columns: Front,
 }
@@ -155,12 +155,12 @@ impl Factor {
     }
 }
 
-/// The assembly tree of the groups. The parent of a group is a later group; its front receives the update that the elimination of the group
-/// leaves.
+/// The assembly tree of the groups of unknowns. The elimination of a group leaves an update, which is added to the front (dense matrix) of
+/// the group's parent. The parent is a later group.
 struct Tree {
     /// For each group the position in the elimination order at which it begins, followed by the number of unknowns.
     starts: Vec<u32>,
-    /// For each group the nonzero rows below it, as positions in the elimination order, ascending.
+    /// For each group the rows below it that have nonzero entries in its columns, as positions in the elimination order, ascending.
     below: Vec<Vec<u32>>,
     /// For each group its parent, the first later group that it updates; [`ROOT`] if there is none.
     parents: Vec<u32>,
@@ -236,7 +236,7 @@ impl Tree {
     }
 }
 
-/// The updates that groups have left for their parents. The key is the group that has left the update.
+/// The updates that eliminated groups have left for their parents. The key is the eliminated group.
 type PendingUpdates = BTreeMap<u32, Front>;
 
 struct Elimination<'a> {
@@ -251,7 +251,7 @@ struct Elimination<'a> {
 type EliminationResult = Option<(Vec<Factor>, PendingUpdates)>;
 
 impl Elimination<'_> {
-    /// Eliminates groups in order. `rest` has the updates that previously eliminated groups have left for them.
+    /// Eliminates groups in order. `rest` contains the updates that earlier eliminated groups have left for these groups.
     fn run(
         &self,
         groups: &[u32],
@@ -371,7 +371,7 @@ mod tests {
     #[test]
     fn dissection_gives_much_less_fill_than_the_given_order() {
         let factors = Cholesky::new(&grid(100, 100, 1.0)).unwrap();
-        // In the order of the rows, the factor would be a full band: 100 entries in each of 10 000 columns.
+        // With the rows in the given order, the factor would be a full band: 100 entries in each of 10 000 columns.
         let entries: usize =
             factors.factors.iter().map(|factor| factor.columns.entries.len()).sum();
         assert!(entries < 500_000, "{entries}");
@@ -393,9 +393,10 @@ mod tests {
         let factors = Cholesky::new(&matrix).unwrap();
         let entries: usize =
             factors.factors.iter().map(|factor| factor.columns.entries.len()).sum();
-        // Each column has two entries, except in one small group. If the hub came first, the factor would have half a million entries.
+        // Each column of the factor has two entries, except in one small group. If the hub were eliminated first, the factor would have
+        // half a million entries.
         assert!(entries < 3000, "{entries}");
-        // The solution is 1 everywhere, because the row of a leaf gives 2 - 1, and the row of the hub gives 0.
+        // The solution is 1 for all unknowns: the row of a leaf gives 2 - 1 = 1, and the row of the hub gives 1000 - 1000 = 0.
         let mut x = vec![[1.0; 3]; count as usize];
         x.push([0.0; 3]);
         factors.solve(&mut x);

@@ -184,7 +184,7 @@ impl Kernel for Eliminate<'_> {
     }
 }
 
-/// The factors are memoized, because they are used again if only the targets of the handles change.
+/// The factors are memoized, because a deformation reuses them if only the target positions of its handles change.
 impl Memo for Lu {
     const NAME: &'static str = "FactoredMatrix";
 
@@ -201,7 +201,7 @@ impl Memo for Lu {
 mod tests {
     use super::*;
 
-    /// Returns reproducible numbers from -1 to 1 that look random.
+    /// Returns the `k`-th number of a reproducible pseudorandom sequence, from -1 to 1.
     fn number(k: usize) -> f64 {
         libm::sin((k * k) as f64 * 0.7 + k as f64 + 1.0)
     }

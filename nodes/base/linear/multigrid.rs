@@ -1,8 +1,8 @@
 //! A multigrid preconditioner for the Poisson equation on part of a grid: slowly varying errors are reduced on coarser grids.
 //!
-//! Braess, "Towards algebraic multigrid for elliptic problems of second order" (1995): four cells become one coarse cell, and the
-//! correction is constant on it. Such corrections are too small and are therefore scaled up. With this preconditioner conjugate gradients
-//! take a few dozen steps, whatever the width of the part.
+//! Braess, "Towards algebraic multigrid for elliptic problems of second order" (1995): four cells become one coarse cell, on which the
+//! correction is constant. Such corrections are too small and are therefore scaled up. With this preconditioner the conjugate gradient
+//! method takes a few dozen steps, independent of the width of the grid.
 
 use maquette_value::parallel::*;
 

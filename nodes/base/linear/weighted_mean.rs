@@ -40,7 +40,7 @@ impl WeightedMean for u32 {
     }
 }
 
-/// Flags: the result is set if any of the flags is set.
+/// Flags have values 0 or 1. The result is 1 if any of the flags is 1.
 impl WeightedMean for u8 {
     fn weighted_mean(mut parts: impl Iterator<Item = (f64, Self)>) -> Self {
         Self::from(parts.any(|(_, flag)| flag == 1))

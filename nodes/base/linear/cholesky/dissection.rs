@@ -30,8 +30,8 @@ pub struct Dissection {
     pub groups: Vec<u32>,
 }
 
-/// A part with at most this many unknowns is not divided further. Smaller groups need more lists of rows; larger groups waste more time on
-/// zeros. From 8 to 32 the time to factor a plate with 1000 unknowns differs by less than an eighth.
+/// A part of the unknowns with at most this many members is not divided further. Smaller groups need more lists of rows; larger groups
+/// waste more time on zeros. From 8 to 32 the time to factor a plate with 1000 unknowns differs by less than an eighth.
 const MAX_LEAF: usize = 24;
 
 impl Dissection {
@@ -56,7 +56,8 @@ impl Dissection {
                 put(&members, end);
                 continue;
             }
-            // The search starts from an unknown that is far from the others. This gives many small levels, and thus small separators.
+            // Start the breadth-first search from an unknown that is far from the others. This gives many small levels, and thus small
+            // separators.
             let (far, _) = search.levels(members[0], own);
             let (reached, levels) = search.levels(far[far.len() - 1], search.parts - 1);
             let rest = if reached.len() < members.len() {
@@ -87,8 +88,8 @@ impl Dissection {
     }
 }
 
-/// Orders unknowns that no level divides. A few unknowns become one group; many become groups of one unknown each, those with the fewest
-/// links first.
+/// Orders a part whose breadth-first search has too few levels for a separator. A small part becomes one group. A large part becomes groups
+/// of one unknown each, those with the fewest links first.
 fn put_undivided(
     links: Links<'_>,
     mut members: Vec<u32>,
@@ -103,8 +104,9 @@ fn put_undivided(
     (begin + 1..).zip(members.chunks(1)).for_each(|(end, member)| put(member, end));
 }
 
-/// Returns the range of the unknowns in the middle levels, which separate the levels before them from the levels after them. Returns `None`
-/// if there are too few levels. `levels` has the start of each level, followed by the end of the last level.
+/// Returns the range, in the order of the breadth-first search, of the unknowns in the middle levels. These levels separate the earlier
+/// levels from the later ones. Returns `None` if there are too few levels. `levels` has the start of each level, followed by the end of the
+/// last level.
 fn middle(levels: &[usize], reach: usize) -> Option<std::ops::Range<usize>> {
     let count = levels.len() - 1;
     let half = levels[count] / 2;

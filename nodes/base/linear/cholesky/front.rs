@@ -2,13 +2,13 @@
 
 use maquette_node::{CancelledError, Progress};
 
-/// The lower half of a dense symmetric matrix, stored by columns. The first columns are eliminated; the rest is the update for later
-/// fronts.
+/// The lower half of a dense symmetric matrix, stored by columns. The first columns are eliminated; the other columns are the update for
+/// later fronts.
 pub(super) struct Front {
     /// The length of each stored column.
     pub height: usize,
     pub entries: Vec<f64>,
-    /// The number of eliminated rows above the first stored column.
+    /// The number of eliminated columns that are no longer stored. Each stored column still begins with their rows.
     skipped: usize,
 }
 
@@ -22,8 +22,8 @@ impl Front {
         &mut self.entries[column * self.height..][..self.height]
     }
 
-    /// Adds the update of another front, which consists of the entries left after the elimination of that front. `local` maps the rows of
-    /// the other front to those of this front.
+    /// Adds the entries of `left`, the update that remained after the elimination of another front. `rows` has the position in the
+    /// elimination order of each row of `left`, and `local` maps these positions to rows of this front.
     pub(super) fn add(&mut self, left: &Self, rows: &[u32], local: &[u32]) {
         for (k, (column, &place)) in left.entries.chunks_exact(left.height).zip(rows).enumerate() {
             let own = self.column(local[place as usize] as usize);
@@ -72,7 +72,7 @@ impl pulp::NullaryFnOnce for Eliminate<'_> {
     }
 }
 
-/// The number of columns that are eliminated before the other columns are updated. So many columns fit into the cache.
+/// The number of columns that are eliminated before the other columns are updated. This many columns fit into the processor cache.
 const BLOCK: usize = 16;
 
 #[inline(always)]
@@ -105,7 +105,8 @@ fn eliminate(
     Ok(true)
 }
 
-/// Subtracts from a column its products with the eliminated columns `done`, from row `row` on.
+/// Subtracts the contributions of the eliminated columns `done` from another column. `own` contains the entries of that column from row
+/// `row` on.
 #[inline(always)]
 fn subtract(done: &[f64], height: usize, row: usize, own: &mut [f64]) {
     let mut fours = done.chunks_exact(4 * height);
