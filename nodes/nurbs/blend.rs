@@ -46,7 +46,7 @@ fn default_resample() -> [usize; 2] {
     [1, 1]
 }
 
-/// Maximum number of cells of a finer grid; the computation then takes about 5 GB.
+/// Maximum number of cells of a finer grid. With this number of cells, the computation takes about 5 GB of memory.
 const CELLS: Limit = Limit { max: 1 << 26, items: "cells", help: "choose a smaller `resample`" };
 
 impl Node for Blend {
@@ -69,7 +69,8 @@ impl Node for Blend {
         Ok((blended.range,))
     }
 
-    /// If only the surface has changed, updates the cells of the last result; the surrounding cells do not depend on the surface.
+    /// If only the surface has changed, updates only the region's cells in the last result. The cells outside of the region do not depend
+    /// on the surface.
     fn update(
         &self,
         cx: &Context<'_>,
@@ -92,10 +93,10 @@ impl Node for Blend {
 pub struct BlendedRange {
     /// The range image with the surface in its cells.
     pub range: RangeImage,
-    /// The number of changed cells that the sensor could no longer see.
+    /// The number of changed cells at which the grid newly folds over in the sensor's view, so that cells hide each other.
     pub folded: usize,
-    /// The step between the surface and the scan at the border of the region. `None` on a finer grid, and for the mode `Displacement`,
-    /// which causes no step beyond that of the offset.
+    /// The step between the surface and the scan at the border of the region. `None` on a finer grid and for the mode `Displacement`, where
+    /// the only step is that of the offset itself.
     pub seam: Option<Seam>,
 }
 
@@ -113,23 +114,25 @@ impl BlendedRange {
     }
 }
 
-/// Returns the number of cells of a grid after each cell is divided.
+/// Returns the number of cells of a range grid after each cell is divided into `down` rows and `right` columns.
 fn cells(range: &RangeImage, [down, right]: [usize; 2]) -> f64 {
     [range.width(), range.height(), down, right].iter().map(|&count| count as f64).product()
 }
 
-/// Writes `surface` to the cells of `region`; cells of the region without a point become valid and are marked as filled.
+/// Writes `surface` to the cells of `region`. Cells of the region without a point become valid and are marked as filled.
 ///
-/// S is the surface, S' the surface of its net before any offset, and D the scan, or the region's point where the scan has none. The new
-/// point of a cell depends on the mode: `D + (S - S')`, `S`, or `(1 - f) D + f S` with f = x^2 (3 - 2 x), where x is the distance from the
-/// nearest cell outside, from 0 to 1 over the band. With equal weights, `S - S'` is the surface of the net's offsets; where it is 0, D
-/// keeps its bits.
+/// Let S be a point of the surface, S' the point of the same surface before any offset of its net, and D the scanned point, or the region's
+/// point if the scan has none. The new point of a cell is `D + (S - S')` in the mode `Displacement`, `S` in the mode `Replace`, and `(1 -
+/// f) D + f S` in the mode `Feather`. The weight f is x^2 (3 - 2 x), where x is the distance from the nearest cell outside of the region,
+/// scaled so that it is 1 at the end of the band. If all weights of the net are equal, `S - S'` is the surface of the net's offsets. Where
+/// it is 0, D keeps its bits.
 ///
-/// Shadows are cells without a point that the scan surrounds. They are filled, too, by a thin plate under tension, if they have up to 1000
-/// cells and are between the region and the rest of the scan, or if all their cells are within 8 cells of the region. Triangles within the
-/// region that were part of a surface before are marked as joined (as `Triangulate` joins cells by default). Triangles at the region's
-/// border, at filled cells and within 8 cells of the region are also marked, unless an edge was longer than 15 median spacings:
-/// surroundings that a part hides are connected to it, the background is not.
+/// Shadows are areas of cells without a point that the scan surrounds. A shadow of up to 1000 cells is filled by a thin plate under tension
+/// if it borders on both the region and the rest of the scan. It is also filled if all its cells are within 8 cells of the region.
+///
+/// A triangle within the region is marked as joined if it was part of the scanned surface (with the default limits of `Triangulate`).
+/// Triangles at the region's border, at filled cells and within 8 cells of the region are also marked, unless an edge was longer than 15
+/// median spacings. So the region is connected to surroundings that it partly hides from the sensor, but not to the background.
 ///
 /// `resample` divides each cell into (rows, columns); (1, 1) keeps the grid.
 ///
@@ -183,7 +186,7 @@ pub fn blend(
     Ok(BlendedRange { range: range.with_joined(joined)?, folded, seam })
 }
 
-/// Updates the last result of [`blend`] on the same grid for a changed surface.
+/// Updates `made`, the last result of [`blend`] with an undivided grid, for a changed surface.
 fn follow(
     range: &RangeImage,
     region: &Region,
@@ -192,7 +195,7 @@ fn follow(
     made: &RangeImage,
 ) -> Result<BlendedRange, Error> {
     let mut canvas = Canvas::new(range, region, surface, mode)?;
-    // The shadows are filled already, in the last result.
+    // The last result contains the points of filled shadows.
     let cells = canvas.points.par_iter_mut().zip(made.points()).with_min_len(16384);
     cells.for_each(|(point, made)| {
         if point.x.is_nan() {
@@ -208,14 +211,14 @@ fn follow(
     Ok(BlendedRange { range: made.with_moved(&rows, moved), folded, seam })
 }
 
-/// The points of a surface for a canvas.
+/// The points of all cells of a canvas after a surface was written to it, with the number of folded cells and the seam.
 struct WrittenCells {
     points: Vec<Point3<f64>>,
     folded: usize,
     seam: Option<Seam>,
 }
 
-/// Writes a surface to the cells of a canvas, and measures the seam at the border of a region.
+/// Writes a surface to the cells of a canvas. If `region` is given, measures the seam at the border of this region.
 fn write_cells(
     canvas: &Canvas,
     surface: &Surface,
@@ -232,14 +235,15 @@ fn write_cells(
     Ok(WrittenCells { points, folded, seam })
 }
 
-/// Maximum distance in cells between the region and a slit or shadow that does not touch the region but is filled.
+/// Maximum distance in cells between the region and a gap of the scan that is closed although it does not touch the region. Such gaps are
+/// shadows, and slits between unconnected cells.
 const MAX_GAP_DISTANCE: usize = 8;
 
-/// Maximum edge length of a continuous surface, in multiples of the median spacing. It is large because a part may protrude and hide some
-/// of its surroundings from the sensor; but the background does not belong to the surface.
+/// Maximum edge length of a continuous surface, in multiples of the median spacing. It is large because the region may protrude and hide
+/// some of its surroundings from the sensor. Longer edges lead to the background, which does not belong to the surface.
 const ACROSS: f64 = 15.0;
 
-/// The cells of a region and the cells at most `MAX_GAP_DISTANCE` away.
+/// Masks of the cells inside a region, and of these cells with all cells at most `MAX_GAP_DISTANCE` away.
 struct Neighborhood {
     inside: Mask,
     near: Mask,
@@ -262,7 +266,7 @@ impl Neighborhood {
     }
 }
 
-/// Fills the shadows at the border of the region and near it. Returns the filled cells in raster order.
+/// Fills the shadows (areas without points) at the border of the region and near it. Returns the filled cells in raster order.
 fn fill_beside(
     canvas: &mut Canvas,
     region: &Neighborhood,
@@ -270,7 +274,7 @@ fn fill_beside(
     progress: &Progress<'_>,
 ) -> Result<Vec<u32>, CancelledError> {
     let width = canvas.width;
-    // Cells of the region have points of their own, even where the scan has none.
+    // The region has a point for each of its cells, even if the scan has none there.
     fn is_known(cell: usize, region: &Neighborhood, range: &RangeImage) -> bool {
         region.has(cell) || range.point(cell).is_some()
     }
@@ -299,8 +303,8 @@ fn fill_beside(
     )
 }
 
-/// Marks the triangles that stay in the surface even if the blend stretches them: triangles of the old surface within the region, and
-/// triangles at the region's border or at filled cells that did not bridge a gap to the background.
+/// Marks the triangles that stay connected even if the blend stretches them. These are the triangles of the old surface within the region,
+/// and triangles at or near the region's border or at filled cells that did not bridge a gap to the background.
 fn joined_triangles(canvas: &Canvas, region: &Neighborhood, range: &RangeImage) -> Vec<u8> {
     let Canvas { width, height, points, .. } = canvas;
     let outside: Vec<_> = (0..points.len())
@@ -330,8 +334,8 @@ fn joined_triangles(canvas: &Canvas, region: &Neighborhood, range: &RangeImage) 
             } else if inside {
                 seen.is_on_surface(corners)
             } else {
-                // The redesigned part must be one connected surface, but its outermost cells, with mixed colors, are often not in the
-                // region.
+                // Triangles near the region are joined, too: the outermost cells of the redesigned part often have mixed colors, so a
+                // region that was selected by color lacks them.
                 any_cell(&|cell| region.is_near(cell), cells)
                     && !seen.is_on_surface(corners)
                     && across.is_on_surface(corners)
@@ -393,7 +397,8 @@ fn changes(
         .collect())
 }
 
-/// Returns the surface whose control points are `points - base`, with the same weights and knots: the displacement at each parameter.
+/// Returns the surface of displacements: its control points are the net's offsets `points - base`; weights and knots are those of
+/// `surface`.
 fn surface_of_offsets(surface: &Surface) -> Result<Surface, Error> {
     let net = surface.net();
     let offsets: Vec<Point3<f64>> = (net.points().iter().zip(net.base()))

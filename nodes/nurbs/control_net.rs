@@ -99,7 +99,7 @@ impl Node for ControlNet {
     }
 }
 
-/// The error of the methods that do not use a number of rows or columns.
+/// The error if `rows` or `columns` is given for a method that does not use them.
 const FIXED_SIZE: &str = "`rows` and `columns` are for the methods `Rows`, `Polar` and `Harmonic`";
 
 /// The error of a net that has only one row or column.
@@ -112,8 +112,8 @@ pub(crate) fn degenerate_region(rows: usize, columns: usize) -> Error {
     ))
 }
 
-/// Makes the control net of a region of `range`, with a net coordinate for each of the region's cells. `rows` and `columns` are for all
-/// methods except [`NetMethod::Grid`]; 0 means automatic.
+/// Makes the control net of a region of `range`, with a net coordinate for each of the region's cells. Methods other than `Auto` and
+/// [`NetMethod::Grid`] use `rows` and `columns`, where 0 means automatic.
 ///
 /// # Errors
 /// Returns an error if the region belongs to another grid or has only one cell, its shape is unsuitable for the method, or a size is given
@@ -165,11 +165,12 @@ pub fn control_net(
     Ok(net.with_frame(range.capture_frame().ok()))
 }
 
-/// Padding on each side of the region's bounding rectangle, in cells. It is the maximum degree for which a moved point has no effect
-/// outside of the net. With less, a clamped end of the knots would be in the region; more costs time.
+/// Padding on each side of the region's bounding rectangle, in cells. For surfaces up to this degree, moved points of the region have no
+/// effect outside of the net. With less padding, the clamped ends of the knot vectors would reach into the region; more padding costs time.
 const PADDING: usize = 3;
 
-/// Makes the net of the range grid in the region's bounding rectangle, padded. A cell is free if its four neighbors are in the region, too.
+/// Makes a net of the range grid's points in the padded bounding rectangle of the region. A point is free if its cell and the four
+/// neighbors of the cell are in the region.
 fn grid(
     region: &Region,
     range: &RangeImage,

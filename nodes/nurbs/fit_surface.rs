@@ -256,7 +256,7 @@ mod tests {
         assert!((steps[40].rms - mean_sq.sqrt()).abs() <= 1e-15);
     }
 
-    // Regression test: the least-squares knots were asymmetric.
+    // Regression test: with asymmetric knots in the least-squares fit, the two surfaces differ.
     #[test]
     fn reversed_points_give_the_reversed_surface() {
         let net = waves(14, 17);

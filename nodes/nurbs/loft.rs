@@ -107,8 +107,8 @@ pub struct Section {
     spline: Option<Curve>,
 }
 
-/// Points per span when a B-spline is converted to a polyline. With it, chords deviate from a quarter circle by at most a
-/// hundred-thousandth of its size.
+/// Points per span when a B-spline is converted to a polyline. With this number, the polyline of a quarter circle deviates from it by at
+/// most a hundred-thousandth of the circle's size.
 const PIECES: usize = 256;
 
 impl From<&Curve> for Section {

@@ -139,7 +139,8 @@ fn sum_of_steps(
     Ok(sum)
 }
 
-/// If the sine of their angle is below this value, two vectors count as parallel: the angle would be rounding noise.
+/// Two vectors count as parallel if the sine of the angle between them is below this value. The direction of their cross product would be
+/// rounding noise.
 const PARALLEL: f64 = 1e-9;
 
 /// Returns the axis around which a positive angle leans the normal along the first principal axis of the net's base, in the direction in
@@ -170,7 +171,7 @@ fn leaning_axis(net: &value::ControlNet, normal: Unit<Vector3<f64>>) -> Option<U
     Unit::try_new(normal.cross(&(principal * sign)), PARALLEL)
 }
 
-/// Returns the mean of the unit normals of the base's quads, on the side of "along u" x "along v".
+/// Returns the mean of the unit normals of the base's quads. They point in the direction of the cross product of the u and v directions.
 fn mean_normal(net: &value::ControlNet) -> Result<Direction, DirectionError> {
     let (columns, base) = (net.columns(), net.base());
     let mut sum = Vector3::zeros();

@@ -26,7 +26,7 @@ pub struct Revolve {
     pub profile: Vec<[f64; 2]>,
 }
 
-/// The error if both profiles are given, or none.
+/// The error unless exactly one of `curve` and `profile` is given.
 const ONE_PROFILE: &str = "a profile is either linked at `curve` or written in `profile`";
 
 impl Node for Revolve {
@@ -96,8 +96,8 @@ pub fn revolve(profile: &[[f64; 2]]) -> Result<value::ControlNet, Error> {
     revolve_profile(profile, &vec![1.0; profile.len()])
 }
 
-/// Maximum distance of a profile's points from the plane z = 0, as a fraction of their distance from the origin: files of single precision
-/// round by 1e-7.
+/// Maximum distance of a profile's points from the plane z = 0, as a fraction of their distance from the origin. It is larger than the
+/// rounding errors in files of single precision, about 1e-7.
 const FLAT: f64 = 1e-6;
 
 /// Makes the control net of a curve in the plane z = 0 revolved around the y axis; see [`revolve`]. The weights of a B-spline are
@@ -150,7 +150,7 @@ mod tests {
     use super::super::nurbs::nurbs;
     use super::*;
 
-    // Every height of a surface of revolution is a circle.
+    // The points of the surface at one height form a circle around the y axis.
     #[test]
     fn every_height_is_a_circle() {
         let net = revolve(&[[0.0, -1.0], [3.0, -1.0], [2.0, 4.0], [1.0, 6.0]]).unwrap();

@@ -74,8 +74,8 @@ pub fn tessellate(surface: &Surface, [u, v]: [usize; 2], tolerance: f64) -> Resu
     }
 }
 
-/// Returns an estimate of the number of vertices of a mesh with the given numbers of quads. In each direction, the number of quads or the
-/// number of control points counts, whichever is larger.
+/// Returns an estimate of the number of vertices of a mesh with the given numbers of quads. In each direction it uses the number of quads
+/// or the number of control points, whichever is larger.
 fn vertices(surface: &Surface, [u, v]: [usize; 2]) -> f64 {
     fn count_or(given: usize, control: usize) -> f64 {
         given.max(control).saturating_add(1) as f64

@@ -146,7 +146,7 @@ fn replacing_leaves_a_known_part_of_a_spike() {
     }
 }
 
-/// Returns a scan of a face, and its nose as region: a half sphere with a radius of 13 cells, 1 mm apart.
+/// Returns a synthetic scan of a face, and its nose as a region. The nose is a half sphere with a radius of 13 cells; cells are 1 mm apart.
 fn face() -> (RangeImage, Region) {
     fn height_sq(x: f64, y: f64) -> f64 {
         169.0 - (x - 24.0) * (x - 24.0) - (y - 22.0) * (y - 22.0)
@@ -228,7 +228,7 @@ fn a_finer_grid_shows_the_same_nose() {
             blend(&range, &nose, &surface, mode, [1, 1], &Progress::silent()).unwrap().range;
         let fine = blend(&range, &nose, &surface, mode, [3, 1], &Progress::silent()).unwrap().range;
         assert_eq!((fine.width(), fine.height()), (49, 135));
-        // The middle one of three new rows coincides with the old row.
+        // Each row is divided into three, and the middle one coincides with the old row.
         for cell in 0..coarse.points().len() {
             let there = (cell / 49 * 3 + 1) * 49 + cell % 49;
             let difference = fine.points()[there] - coarse.points()[cell];
@@ -293,7 +293,7 @@ fn surfaces_that_do_not_belong_to_the_range_are_refused() {
     }
 }
 
-/// Returns the faces of the mesh before and after the redesign of the nose.
+/// Returns the numbers of faces of the triangulated scan before and after the redesign of the nose.
 fn faces_before_and_after(
     range: &RangeImage,
     nose: &Region,
@@ -337,11 +337,11 @@ fn the_region_is_connected_to_its_surroundings_and_not_to_a_distant_background()
             )
             .unwrap()
     }
-    // If the wall behind the nose is distant, the silhouette of the nose is a border before and after.
+    // If the background is far behind the nose, the silhouette of the nose is a border of the mesh, before and after the redesign.
     let [before, after] =
         faces_before_and_after(&push_background(300.0, &range, &nose), &nose, 40.0, Profile::Round);
     assert!(before < 48 * 44 * 2 - 80 && after == before, "{before} {after}");
-    // If the nose hides only a part of the cheek, the cheek is connected to it.
+    // If the nose hides only a part of the cheek behind it, the redesign connects the cheek to the nose.
     let [before, after] =
         faces_before_and_after(&push_background(8.0, &range, &nose), &nose, 40.0, Profile::Round);
     assert!(before < 48 * 44 * 2 - 80 && after == 48 * 44 * 2, "{before} {after}");

@@ -5,7 +5,7 @@ use maquette_node::{CancelledError, Progress};
 use maquette_value::KnotVector;
 use nalgebra::Vector3;
 
-/// A fit for lines of points that all have the same parameters.
+/// A prepared fit of B-spline curves to lines (rows or columns) of points. All lines have the same parameters.
 pub(crate) struct LineFit {
     knots: KnotVector,
     /// For each point, the index of the first basis function that is not 0, and the values of the nonzero basis functions.
@@ -62,7 +62,7 @@ impl LineFit {
         let mut matrix = BandedMatrix::new(rows.len(), knots.degree());
         for (k, (first, values)) in rows.iter().enumerate() {
             for (column, &value) in (*first..).zip(values).filter(|(_, value)| **value != 0.0) {
-                // A parameter outside of the support of the basis function with its index violates the Schoenberg-Whitney condition.
+                // The Schoenberg-Whitney condition: each parameter must be in the support of the basis function with the same index.
                 if column.abs_diff(k) > knots.degree() {
                     return None;
                 }
@@ -168,7 +168,8 @@ impl LineFit {
         right
     }
 
-    /// Returns a start for each control point, at even steps along the list of points: the points themselves, if there are as many.
+    /// Returns the initial control points of an iteration: points at even steps along the list, interpolated between its entries. If there
+    /// are as many control points as points, these are the points themselves.
     fn start(&self, points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let count = self.knots.n_control();
         let last = points.len() - 1;
@@ -299,7 +300,7 @@ mod tests {
         (0..=50).map(|_| steps.round(&rows, &points, &mut control, factor).missed.max).collect()
     }
 
-    // The expected numbers are the published ones, to all printed digits.
+    // The expected errors are the published ones; all printed digits must be equal.
     #[test]
     fn progressive_iteration_has_the_published_errors() {
         fn check(trace: Vec<f64>, published: &[(usize, &str)]) {

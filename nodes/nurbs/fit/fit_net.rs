@@ -64,7 +64,7 @@ impl Direction {
         })
     }
 
-    /// Returns the net coordinate on the fitted surface that corresponds to the position `a` among the points.
+    /// Converts a position among the points (a row or column number, which may be fractional) to the net coordinate on the fitted surface.
     pub(crate) fn coordinate(&self, a: f64) -> f64 {
         let last = self.parameters.len() - 1;
         let before = (a.max(0.0) as usize).min(last);
@@ -81,11 +81,11 @@ pub(crate) struct FittedNet {
     pub(crate) points: Vec<Point3<f64>>,
     /// The largest step of a control point in the last round of an iteration that did not converge.
     pub(crate) unsettled: f64,
-    /// The residuals before each round along u, then along v, as the largest distance and the root mean square.
+    /// The largest distance and the root mean square of the distances before each round: first the rounds along u, then those along v.
     pub(crate) rounds: Vec<[f64; 2]>,
 }
 
-/// Computes the control points for `points`, which are as many as those of `net`, row by row.
+/// Fits a surface to `points` and returns its control points. There are as many points, row by row, as in `net`.
 pub(crate) fn fit_points(
     points: &[Point3<f64>],
     net: &value::ControlNet,
@@ -112,7 +112,8 @@ pub(crate) fn fit_points(
     Ok(FittedNet { points, unsettled, rounds })
 }
 
-/// Returns the residuals before each round, over all lines, which have `length` points each. A converged line keeps its last residual.
+/// Returns the largest distance and the root mean square before each round, over all lines, which have `length` points each. A line that
+/// has converged earlier counts with its last residual.
 fn missed_before_rounds(lines: &[FittedLine], length: usize) -> Vec<[f64; 2]> {
     let count = lines.iter().map(|line| line.rounds.len()).max().unwrap_or(0);
     (0..count)
@@ -132,7 +133,7 @@ fn distances(missed: Residual, count: usize) -> [f64; 2] {
     [missed.max, (missed.sum_sq / count as f64).sqrt()]
 }
 
-/// Returns the residuals before each round, and finally those of the points from the surface.
+/// Returns the trace of a fit: the distances in `rounds`, followed by those of the net's points from the fitted surface.
 pub(crate) fn trace(
     rounds: Vec<[f64; 2]>,
     net: &value::ControlNet,

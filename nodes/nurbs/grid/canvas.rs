@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use super::distance::from_border;
 use crate::blend_mode::BlendMode;
 
-/// The cells to which a surface is written, and their old points.
+/// A range grid to which a surface is written: the points of all its cells before the change, and the cells that change.
 pub(crate) struct Canvas {
     /// Number of cells per row.
     pub(crate) width: usize,
@@ -31,8 +31,7 @@ pub(crate) struct Target {
 }
 
 impl Canvas {
-    /// Returns the grid of the range image, with the region's points where the range image has none, and the net coordinates of the
-    /// region's cells.
+    /// Returns the canvas of a range image and a region. Where the range image has no point, the region's point is used.
     pub(crate) fn new(
         range: &RangeImage,
         region: &Region,

@@ -1,11 +1,11 @@
 //! A region as a triangulated disk.
 //!
 //! Four cells around a corner of the grid make two triangles, three cells make one. Holes of the region are closed first. Of the components
-//! connected by edges, the largest is kept. The result is a disk: if several fans of its triangles met in a vertex, a closed chain of cells
-//! would pass through that vertex, but the inside of such a chain has been filled.
+//! connected by edges, the largest is kept. The result is always a topological disk: several fans of triangles could meet in a vertex only
+//! if a closed chain of cells passed through this vertex, but the inside of such a chain has been filled.
 //!
-//! An inner edge with both ends on the border gets a vertex at its middle. Without it, no map to a square could be one-to-one if the whole
-//! border of a bay is mapped to one side of the square: Floater, "One-to-one piecewise linear mappings over triangulations", Mathematics of
+//! An inner edge with both ends on the border gets a vertex at its middle. Without this vertex, the edge could be mapped onto a side of the
+//! square, so that the map is not one-to-one: Floater, "One-to-one piecewise linear mappings over triangulations", Mathematics of
 //! Computation 72 (2003), theorem 6.1.
 
 use std::collections::BTreeMap;
@@ -26,7 +26,8 @@ pub(crate) struct Disk {
 }
 
 impl Disk {
-    /// Makes the disk of the cells with entry 1 in a grid with the given number of columns; `None` if no three cells make a triangle.
+    /// Makes the disk of the cells that are 1 in `inside`, which has the given numbers of rows and columns. Returns `None` if no three
+    /// cells make a triangle.
     pub(crate) fn new(rows: usize, columns: usize, inside: &[u8]) -> Option<Self> {
         let mut inside = inside.to_vec();
         close_holes(rows, columns, &mut inside);
@@ -51,7 +52,7 @@ impl Disk {
         Some(disk)
     }
 
-    /// Adds a triangle, divided at the middles of those of its edges that have one.
+    /// Adds a triangle. Each of its edges that has a vertex in `middles` is divided at this vertex.
     fn push(&mut self, [a, b, c]: [u32; 3], middles: &BTreeMap<[u32; 2], u32>) {
         for [a, b, c] in [[a, b, c], [b, c, a], [c, a, b]] {
             if let Some(&middle) = middles.get(&[a.min(b), a.max(b)]) {
@@ -64,7 +65,8 @@ impl Disk {
     }
 }
 
-/// Marks those cells as inside from which no path along sides of outside cells leads to the rim of the grid.
+/// Fills holes: an outside cell becomes an inside cell if it is not connected to the border of the grid through outside cells with common
+/// sides.
 fn close_holes(rows: usize, columns: usize, inside: &mut [u8]) {
     let mut stack: Vec<usize> = (0..inside.len())
         .filter(|at| {

@@ -3,8 +3,9 @@
 use maquette_value::Pinhole;
 use nalgebra::Point3;
 
-/// Returns the number of `changed` cells that touch a newly folded square of four cells: its projection on the sensor was front-facing
-/// before the change and is flipped or degenerate after it. Without a camera the sensor is at infinity: x and y are the projection.
+/// Returns the number of `changed` cells that touch a newly folded square of four cells. A square is newly folded if it was front-facing in
+/// the sensor's view before the change, and is flipped or degenerate after it. Without a camera the sensor is at infinity, and its view is
+/// the projection to x and y.
 pub(crate) fn folded_cells(
     width: usize,
     before: &[Point3<f64>],

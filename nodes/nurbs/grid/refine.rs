@@ -11,7 +11,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::canvas::{Canvas, Target};
 
-/// The old cells around a position, each with its weight, which is not 0.
+/// Up to four old cells around a position, each with its weight for bilinear interpolation; `None` instead of a cell of weight 0.
 type Corners = [Option<(usize, f64)>; 4];
 
 /// Returns the canvas with each cell divided into `factors` = (rows, columns), at least 1 each.
@@ -56,7 +56,7 @@ fn position(line: usize, factor: usize) -> f64 {
 /// The old grid, indexed for lookup.
 struct Old<'a> {
     canvas: &'a Canvas,
-    /// For each cell, its index among the targets.
+    /// For each cell its index in the canvas's `targets`; `None` for a cell outside of the region.
     index: Vec<Option<u32>>,
 }
 
@@ -107,7 +107,7 @@ impl<'a> Old<'a> {
                 None => self.extrapolate(owner, cell),
             };
             (0..2).for_each(|k| coordinate[k] += at[k] * share);
-            // The depth is made finite: infinity times a weight of 0 would be NaN.
+            // The depth may be infinite. It is made finite, so that sums of weighted depths do not overflow or become NaN.
             let deep =
                 self.own_target(cell).map_or(0.0, |target| target.depth.min(f64::MAX / 16.0));
             depth += deep * share;
@@ -144,7 +144,8 @@ impl<'a> Old<'a> {
     }
 }
 
-/// Returns the range image of the finer grid, with the other data of `range` on the smaller cells.
+/// Returns the range image of the finer grid. Each smaller cell gets the color of its old cell; the registration and the camera are
+/// adapted.
 pub(crate) fn refined_range(
     range: &RangeImage,
     [down, right]: [usize; 2],

@@ -22,8 +22,8 @@ impl Seam {
     }
 }
 
-/// Returns the seam between `points`, which differ inside the region only, and the points `before` the blend. A cell without a point is
-/// NaN.
+/// Returns the seam that a blend leaves. `before` and `points` are the points of all cells before and after the blend, which differ only
+/// inside the region. The point of an invalid cell is NaN.
 pub(crate) fn seam(region: &Region, before: &[Point3<f64>], points: &[Point3<f64>]) -> Seam {
     let (width, height) = (region.width(), region.height());
     let inside = region.grid();

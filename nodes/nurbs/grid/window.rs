@@ -19,7 +19,7 @@ pub(crate) struct GridWindow {
     pub(crate) rows: usize,
     /// Number of columns of the window.
     pub(crate) columns: usize,
-    /// A point for each cell, row by row: the point of the region, that of the range image, or a smooth interpolation.
+    /// A point for each cell, row by row: that of the region, else that of the range image, else a smooth interpolation.
     pub(crate) points: Vec<Point3<f64>>,
     /// 1 for each cell of the region, row by row.
     pub(crate) inside: Vec<u8>,
@@ -46,8 +46,9 @@ impl GridWindow {
         Self { left, top, width, rows, columns, points, inside: Vec::new() }.fill(region, progress)
     }
 
-    /// Returns the rectangle around a region; the cells outside of the region are extrapolated from it. Where the region ends at a step in
-    /// depth, the background therefore does not influence the points between its cells.
+    /// Returns the bounding rectangle of a region. The points outside of the region are extrapolated from the region and not taken from the
+    /// scan. So if the region ends at a step in depth, the background does not influence points that are interpolated near the region's
+    /// border.
     pub(crate) fn around_region(region: &Region, progress: &Progress<'_>) -> Result<Self, Error> {
         let (low, high) = region.bounds();
         let ([left, top], width) = (low, region.width());

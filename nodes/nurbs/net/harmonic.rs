@@ -19,7 +19,7 @@ use crate::control_net::degenerate_region;
 use crate::grid::disk::Disk;
 use crate::grid::window::GridWindow;
 
-/// Minimum automatic number of rows and columns: enough for a cubic.
+/// Minimum automatic number of rows and columns: enough for a cubic surface.
 const MIN_LINES: usize = 4;
 
 /// Maximum automatic number of rows and columns: the maximum that the node allows.
@@ -86,8 +86,8 @@ pub(crate) fn net(
     parameterize(range, size, points, on_border(size), region.cells().to_vec(), coordinates)
 }
 
-/// The border of a disk, divided at the corners of the square: down the left side, to the right, up, and back to the left. Each side
-/// contains both of its corners.
+/// The border of a disk, divided into the four sides of the square: down the left side, to the right along the bottom, up the right side,
+/// and back to the left along the top. Each side contains both of its corners.
 struct Sides([Vec<u32>; 4]);
 
 impl Sides {
@@ -108,8 +108,8 @@ fn in_order(corners: [usize; 4], n: usize) -> bool {
     0 < a && a < b && b < c
 }
 
-/// Returns the border vertices farthest along the diagonals of the disk's principal axes; if several are equally far, the one nearest to
-/// the diagonal. The axes are oriented so that rows run down and columns to the right.
+/// Returns the indices of the border vertices farthest along the diagonals of the disk's principal axes. If several are equally far, the
+/// one nearest to the diagonal is taken. The axes are oriented so that rows run down and columns to the right.
 fn chosen_corners(disk: &Disk) -> [usize; 4] {
     let n = disk.border.len();
     let frame = Frame::new(disk);
@@ -216,7 +216,7 @@ impl Frame {
             moments = [moments[0] + x * x, moments[1] + x * y, moments[2] + y * y];
         }
         let [xx, xy, yy] = moments;
-        // A round region has no principal axes, and rounding errors must not choose any.
+        // A round region has no principal axes: those that rounding errors define are ignored.
         let round = xy.abs().max((xx - yy).abs()) <= 1e-9 * (xx + yy);
         let quarter = std::f64::consts::FRAC_PI_2;
         let angle = if round { 0.0 } else { libm::atan2(2.0 * xy, xx - yy) / 2.0 };
@@ -311,8 +311,8 @@ fn interior(
             }
         }
     }
-    // The signed depth of each point in its triangle. A point on an edge may be outside of both triangles due to rounding, so the deepest
-    // triangle wins.
+    // The depth of each point inside the triangle that has been chosen for it; negative if the point is outside. Due to rounding, a point
+    // on an edge may be outside of both triangles at the edge, so the triangle with the greatest depth is chosen.
     let mut depths = vec![f64::NEG_INFINITY; rows * columns];
     let mut points = vec![Point3::origin(); rows * columns];
     for triangle in &disk.triangles {

@@ -12,11 +12,12 @@ const TOLERANCE: f64 = 1e-13;
 /// Residual above which the map is an error: a thousandth of a cell on the largest net.
 const LARGEST: f64 = 1e-7;
 
-/// Number of rounds of relaxation at the end; they move each vertex into the inside of its neighbors once more.
+/// Number of relaxation rounds after the solver. In each round every vertex moves to the weighted mean of its neighbors, and thus inside
+/// the polygon that they form. The solution alone ensures this only up to its tolerance.
 const ROUNDS: usize = 8;
 
-/// Moves every inner vertex of the disk to the weighted mean of its neighbors. `places` contains the positions of border vertices and
-/// guesses for the others; it receives the solution. Entries of vertices without a triangle do not change.
+/// Moves every inner vertex of the disk to the weighted mean of its neighbors. At the call, `places` contains the positions of border
+/// vertices and guesses for the others; afterwards it contains the solution. Entries of vertices without a triangle do not change.
 ///
 /// # Errors
 /// Returns the residual as error if the iteration does not converge.

@@ -5,8 +5,8 @@ use maquette_value as value;
 use maquette_value::{Chart, RangeImage};
 use nalgebra::Point3;
 
-/// Makes the net of `points` with the given number of rows and columns. `fixed` gives the flag of a point by row and column; each of the
-/// `cells` of the range image gets a net coordinate.
+/// Makes the net of `points` with the given number of rows and columns. `fixed` returns true if the point at a row and column is fixed.
+/// `coordinates` has a net coordinate for each of the `cells` of the range image.
 pub(crate) fn parameterize(
     range: &RangeImage,
     [rows, columns]: [usize; 2],

@@ -153,7 +153,7 @@ impl Wheel {
         points
     }
 
-    /// Returns the net coordinate of a position, from the two spokes between which it is and its distance along them.
+    /// Returns the net coordinate of a position, computed from the two spokes next to it and its distance from the center along them.
     ///
     /// Positions beyond the line through the ends of the spokes are projected onto it.
     fn coordinate(&self, [x, y]: [f64; 2], rings: usize, order: usize) -> [f64; 2] {

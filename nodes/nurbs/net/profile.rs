@@ -75,8 +75,8 @@ impl Profile {
     }
 }
 
-/// Moves the ring around a pole as far as the pole itself; otherwise a smooth hill would have a sharp tip at the pole. A net has a pole if
-/// the points of its first row coincide before any offset.
+/// If the net has a pole, gives the ring around it the factor of the pole; otherwise a smooth hill would have a sharp tip at the pole. A
+/// net has a pole if the points of its first row coincide before any offset.
 fn blunt(net: &value::ControlNet, free: &[u8], factors: &mut [f64]) {
     let columns = net.columns();
     let pole = &net.base()[..columns];
@@ -104,7 +104,8 @@ fn radius(net: &value::ControlNet, free: &[u8]) -> f64 {
         .sqrt()
 }
 
-/// Returns `d` for each point: 0 at fixed points, 1 at the innermost free point. If no point is fixed, the net's border counts as fixed.
+/// Returns the `d` of `Profile` for each point: 0 at fixed points, 1 at the innermost free point. If no point is fixed, the net's border
+/// counts as fixed.
 ///
 /// `d = 1 - sqrt(1 - h / max h)`, where `h` solves `Laplace h = -1` at the free points of the index grid and is 0 at the others. On a disk,
 /// `d` is exactly the distance from the border; on other shapes it lacks the ridges of that distance.
@@ -135,8 +136,9 @@ fn inwardness(
         .collect())
 }
 
-/// Returns a field stretched over a net, with corners on corners, bilinear between its pixels, scaled so that its minimum is 0 and its
-/// maximum 1. Unknown numbers count as the minimum; a constant field is 1. `None` if no number is finite.
+/// Stretches a field over a net: its corners are at the net's corners, and values between its pixels are interpolated bilinearly. The
+/// values are scaled to a minimum of 0 and a maximum of 1. Values that are not finite count as the minimum; a constant field is 1. Returns
+/// `None` if no value is finite.
 fn gray(field: &Field, rows: usize, columns: usize) -> Option<Vec<f64>> {
     let (least, greatest) = field.range()?;
     let (least, span) = (f64::from(least), f64::from(greatest) - f64::from(least));

@@ -14,8 +14,8 @@ const DENSITY: f64 = 8.0;
 const SMOOTHING: f64 = 2.0;
 
 /// The part of a ray that a tooth may hide has at most this length in cells, or `TEETH_SHARE` of the ray's length, whichever is larger.
-/// Real contours have teeth of one or two cells. With twice the limit, intended bays would be closed; with half of it, noses with a freckle
-/// would be refused.
+/// Real contours have teeth of one or two cells. With twice the limit, intended bays would be closed. With half of it, many noses would be
+/// refused because of a freckle on the contour.
 const MAX_TOOTH: f64 = 3.0;
 const TEETH_SHARE: f64 = 0.1;
 
@@ -59,7 +59,8 @@ impl Rays {
         let start = line.first().map_or(0.0, |[x, y]| libm::atan2(-y, *x));
         let step = TAU / count as f64;
         let (mut outermost, mut inside) = (vec![0.0f64; count], vec![0.0; count]);
-        // Rays are at half steps: rounding at the first vertex of the line, which is also the last one, then loses none of them.
+        // Rays are at half steps, so that no ray passes through the first vertex of the line, which is also the last. Rounding could lose
+        // such a ray.
         let mut from = 0.0;
         for (a, b) in sides {
             let (turned, dot) = (turn(*a, *b), a[0] * b[0] + a[1] * b[1]);
@@ -192,7 +193,8 @@ mod tests {
 
     #[test]
     fn a_tooth_is_passed_over_and_a_bay_is_named() {
-        // Returns a square with a slit behind an overhang of `width` from the lower part of the right side.
+        // Returns a square with a notch of depth `width` in its right side. The notch is wider inside than at its entrance: rays from the
+        // center cross it and then a lip of width 1.
         fn square(width: f64) -> Vec<[f64; 2]> {
             let right = [[20.0, -20.0], [-20.0, -20.0], [-20.0, 20.0], [20.0, 20.0]];
             let slit = [[20.0, 6.0], [20.0 - width, 6.0], [20.0 - width, 3.0], [19.0, 3.0]];

@@ -3,21 +3,21 @@
 /// The profile of a hill over a disk, from its tip to its border: a height `f(r)` with `f(0) = 1` and `f(1) = 0`.
 ///
 /// The profile is defined by `g(r) = sin t`, where t is the angle of the slope and the height is measured in multiples of the disk's
-/// radius. `g` rises from the tip, is largest on the wall, and falls to 0 at the border. The principal curvatures of such a hill are `g'`
-/// along the profile and `g / r` around it: they are continuous where `g'` is, and the curvature of the tip is at most the initial slope of
-/// `g`. The profile is the integral of `tan t`. A low hill is a dome; a high one has a nearly vertical wall.
+/// radius. `g` rises from the tip, is largest on the wall (the steepest part), and falls to 0 at the border. The principal curvatures of
+/// such a hill are `g'` along the profile and `g / r` around it. They are continuous where `g'` is, and the curvature of the tip is at most
+/// the initial slope of `g`. The profile is the integral of `tan t`. A low hill is a dome; a high one has a nearly vertical wall.
 pub(crate) struct Round {
     /// The heights of the profile at equal steps of r.
     heights: Vec<f64>,
 }
 
-/// The radii at which the wall begins and ends.
+/// The radii between which the hill is steepest (the wall), as fractions of the disk's radius.
 const WALL: [f64; 2] = [0.75, 0.92];
 
 /// Number of steps of r.
 const STEPS: usize = 1000;
 
-/// Height, relative to the radius, up to which hills become steeper; all higher hills use the profile of this height.
+/// Maximum height of a hill, relative to its radius, for which a profile is computed. All higher hills use the profile of this height.
 const STEEPEST: f64 = 1000.0;
 
 /// Number of bisection steps that find the steepest slope; more would not change a 64-bit number.
@@ -27,7 +27,7 @@ impl Round {
     /// Creates the profile of a hill of the given height, in radii.
     pub(crate) fn new(height: f64) -> Self {
         let height = height.abs().min(STEEPEST);
-        // The bisection is over `1 - g^2` on the wall: close to 1 the sine itself has too few digits.
+        // The bisection finds `1 - g^2` on the wall, because near 1 the sine `g` itself has too few digits.
         let (mut low, mut high): (f64, f64) = (0.0, 1.0);
         for _ in 0..HALVINGS {
             let middle = f64::midpoint(low, high);
@@ -50,7 +50,7 @@ impl Round {
     }
 }
 
-/// Returns the heights of the hill whose wall has a slope with the squared cosine `rest`.
+/// Returns the heights of a hill before they are scaled to 1 at the tip. `rest` is the squared cosine of the slope on the wall.
 fn outline(rest: f64) -> Vec<f64> {
     let greatest = (1.0 - rest).sqrt();
     fn slope(step: usize, greatest: f64, rest: f64) -> f64 {

@@ -11,16 +11,16 @@ use nalgebra::Point3;
 
 use super::parameterized::{on_border, parameterize};
 
-/// Minimum automatic number of lines, and of points per line: enough for a cubic. With fewer, many orders would be an error; more would
-/// invent points.
+/// Minimum automatic number of lines, and of points per line: enough for a cubic surface. Fewer would be an error for surfaces of higher
+/// orders; more would only add interpolated points.
 const MIN_LINES: usize = 4;
 
 /// A sample closer to a point than this fraction of the line's length becomes exactly that point. The fraction is slightly larger than
 /// rounding errors.
 const SAME: f64 = 1e-12;
 
-/// Makes the net; `rows` and `columns` are automatic where they are 0. A region of fewer than [`MIN_LINES`] lines is divided into that
-/// many.
+/// Makes the net; `rows` and `columns` are automatic where they are 0. An automatic size is at least [`MIN_LINES`], even if the region has
+/// fewer lines of cells.
 pub(crate) fn net(
     region: &Region,
     range: &RangeImage,
@@ -56,14 +56,14 @@ pub(crate) fn net(
 /// The lines of cells of a region in one direction.
 struct Lines {
     lines: Vec<Line>,
-    /// Number of cells between the ends of lines that are not in the region.
+    /// Number of cells that are between the first and the last cell of a line but not in the region, over all lines.
     gaps: usize,
     /// True if the lines run along the grid's columns.
     transposed: bool,
 }
 
 struct Line {
-    /// The cells of the region on the line: their index in the grid and in `points`.
+    /// The cells of the region on the line: the index of each in the grid and its index in `points`.
     cells: Vec<(u32, usize)>,
     /// The points of the line from its first to its last cell, without gaps.
     points: Vec<Point3<f64>>,
@@ -121,7 +121,7 @@ impl Lines {
         let lines: Vec<_> =
             self.lines.iter().map(|line| resample(&line.points, &line.shares, along)).collect();
         let wanted = if across == 0 { lines.len().max(MIN_LINES) } else { across };
-        // If the number of lines stays the same, the lines stay where they are: uniform steps across would move them.
+        // If the net has as many lines as the region, they keep their positions: evenly spaced lines would be elsewhere.
         let even = (wanted == lines.len()).then(|| vec![uniform_fractions(wanted); along]);
         let columns: Vec<_> = (0..along)
             .map(|k: usize| lines.iter().map(|line| line[k]).collect::<Vec<_>>())
@@ -169,7 +169,8 @@ fn bridge_gaps(points: &[Option<Point3<f64>>]) -> Vec<Point3<f64>> {
     bridged
 }
 
-/// Returns, for each point, the arc length before it as a fraction, from 0 to 1; a line without length is divided evenly.
+/// Returns, for each point, the arc length before it as a fraction of the total length, from 0 to 1. A line without length is divided
+/// evenly.
 pub(crate) fn shares(points: &[Point3<f64>]) -> Vec<f64> {
     let mut length = 0.0;
     let mut lengths = vec![0.0];

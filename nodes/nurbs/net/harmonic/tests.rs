@@ -41,7 +41,7 @@ fn noise(k: u32) -> f64 {
         / f64::from(1 << 24)
 }
 
-/// Returns a blob with three to six bays of random depth, some of which are deep, or a horseshoe.
+/// Returns the shape of a region: a disk whose contour has three to six bays of pseudorandom depth, or a horseshoe.
 fn blob(kind: u32) -> impl Fn(usize, usize) -> bool {
     let bays = f64::from(3 + kind % 4);
     let (depth, turn) = (0.15 + 0.35 * noise(kind), 6.0 * noise(kind + 1000));
@@ -89,7 +89,8 @@ fn nets_of_regions_with_bays_and_holes_face_the_sensor() {
         assert!(down.cross(&right).z < 0.0);
         let chart = net.chart().unwrap();
         assert_eq!(&*chart.cells, whole.cells());
-        // A region of two parts is refused, unless one of them has no triangle.
+        // A region in two parts is an error, unless one of them has no triangle. Both results are correct, so this only checks that nothing
+        // panics.
         let _ = control_net(&holed, &range, HARMONIC, 0, 0, &Progress::silent());
     }
 }
