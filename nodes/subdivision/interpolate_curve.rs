@@ -101,7 +101,7 @@ fn matrix(family: &ControlCurve, basis: CurveBasis, count: usize, closed: bool) 
     LimitMatrix { rows: family.collocation(), blocks, scale }
 }
 
-/// Finds the foot points of the given points, their nearest points on the curve of each iteration.
+/// Finds the foot points of the given points: the nearest points on the current curve, which changes in each iteration.
 struct Feet<'a> {
     family: &'a ControlCurve,
     pub(super) points: &'a [Point3<f64>],

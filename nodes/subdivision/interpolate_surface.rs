@@ -164,7 +164,7 @@ impl<'a> NetSurfaces<'a> {
     }
 }
 
-/// Finds the foot points of the given points, their nearest points on the surface of each iteration.
+/// Finds the foot points of the given points: the nearest points on the current surface, which changes in each iteration.
 struct Feet<'a> {
     surfaces: &'a NetSurfaces<'a>,
     pub(super) points: &'a [Point3<f64>],

@@ -11,7 +11,7 @@ pub struct AngleBending {
     pub gaussian: f64,
     /// The mean curvature, in 1/mm.
     pub mean: f64,
-    /// The area of the part of the surface that is nearest to the vertex.
+    /// The area, in mm^2, of the part of the surface that is nearer to this vertex than to other vertices.
     pub area: f64,
 }
 

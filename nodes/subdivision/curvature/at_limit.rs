@@ -1,9 +1,8 @@
 //! The curvature of a subdivision surface at the limits of its control points.
 //!
-//! At a regular vertex the surface is a uniform B-spline or box spline whose control points are the neighboring ones, and its second
-//! derivatives are differences of these. At all other vertices the curvature of the limit does not exist, vanishes, or is unbounded. There
-//! the curvature is taken from the nearby surface: from a quadratic surface that is fitted to the limit points of the mesh refined three
-//! times.
+//! At a regular vertex the surface is a uniform B-spline or box spline. The neighboring control points are its control points, and its
+//! second derivatives are differences of them. At all other vertices the curvature of the limit does not exist, vanishes, or is unbounded.
+//! There the curvature is taken from the surface nearby: a quadratic surface is fitted to the limit points of the mesh refined three times.
 
 use maquette_node::{Error, Progress, bail};
 use maquette_value::parallel::*;
@@ -83,7 +82,7 @@ impl RegularNeighborhoods<'_> {
     /// Returns the derivatives of the surface at a vertex; `None` if the surface is not a regular patch there.
     fn derivatives(&self, vertex: usize, ring: &Ring) -> Option<Derivatives> {
         let own = self.control[vertex].coords;
-        // The weights along the direction in which the spline is not differentiated, for a cubic or a quadratic spline.
+        // The B-spline weights of the middle point and of both side points at a vertex, for a cubic or a quadratic spline.
         let [middle, side] = match self.scheme {
             Scheme::Loop => {
                 let around: [u32; 6] =
@@ -235,8 +234,8 @@ fn extract_neighborhood(mesh: &Mesh, vertices: &[u32]) -> Result<(Mesh, Vec<Opti
     (0..).zip(kept).for_each(|(number, kept)| *kept = Some(number));
     let own = vertices.iter().map(|&vertex| numbers[vertex as usize]).collect();
     let bare = Mesh::new(mesh.positions().to_vec(), mesh.faces().clone())?;
-    // Two parts may touch at a vertex, which is then split into copies. The first copy keeps the index. The curvature at such a vertex is
-    // not used.
+    // The excerpt may have two parts that touch at a vertex, which is then split into copies. The first copy keeps the index. The curvature
+    // at such a vertex is not used.
     let part = manifold(&select_faces(&bare.with_creases(mesh.creases())?, &faces)?)?;
     Ok((part, own))
 }

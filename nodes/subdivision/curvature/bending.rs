@@ -19,7 +19,7 @@ pub struct Bending {
 }
 
 impl Bending {
-    /// Returns this curvature with its directions, but with principal curvatures computed from angles.
+    /// Keeps the directions of this curvature, but replaces all values by those computed from angles.
     pub(super) fn replace_curvatures(self, angles: super::AngleBending) -> Self {
         let (gaussian, mean) = (angles.gaussian, angles.mean);
         let spread = (mean * mean - gaussian).max(0.0).sqrt();
@@ -96,8 +96,8 @@ impl Bending {
             .reduce(|a, b| (a.0 + b.0, a.1 + b.1));
         let (normal_rows, heights) = sums?;
         let cholesky = normal_rows.cholesky()?;
-        // The determinant, which is the product of the five eigenvalues, is at most the smallest eigenvalue times the fourth power of the
-        // greatest one, which is at most the sum of the eigenvalues. In most cases this bound already shows that the smallest eigenvalue is
+        // The determinant is the product of the five eigenvalues. So it is at most the smallest eigenvalue times the fourth power of the
+        // greatest one, and the greatest is at most the sum of all. In most cases this bound already shows that the smallest eigenvalue is
         // large enough.
         let sum = normal_rows.trace();
         let is_determined = cholesky.determinant() > 1e-9 * (sum * sum * sum * sum * sum) || {

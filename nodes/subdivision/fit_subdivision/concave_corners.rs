@@ -32,7 +32,8 @@ pub(super) fn cut_concave_corners(mesh: &Mesh) -> Result<(Mesh, bool), MeshError
         if cuts.is_empty() {
             return Ok((net.mesh()?.0.with_frame(mesh.frame().copied()), has_cut));
         }
-        // A cut may have changed the vertex at the other end of its edge from a crease to a corner, so all vertices are checked again.
+        // A cut may have changed the vertex at the other end of the new sharp edge from a crease to a corner, so all vertices are checked
+        // again.
         cuts.into_iter().for_each(|edge| net.sharpen(edge, SHARP));
         has_cut = true;
     }

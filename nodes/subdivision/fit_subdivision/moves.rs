@@ -134,14 +134,14 @@ struct EdgeOptimizer<'a> {
     weight: f64,
 }
 
-/// A move that lowers the energy, with its effects.
+/// A move (an edge operation) that lowers the energy, with its effects.
 struct Outcome {
     gain: f64,
     change: Change,
     measured: Vec<u32>,
     positions: Vec<(u32, Point3<f64>)>,
-    /// The points on the surface that the move changed, each with the index of its face. The index counts the faces that were kept,
-    /// followed by those that were added.
+    /// For each point of the scan near the move, its index and the index of the face with its nearest surface point. Faces are counted
+    /// after the move: first those that were kept, then those that were added.
     nearest: Vec<(u32, u32)>,
 }
 
@@ -246,7 +246,7 @@ impl<'a> EdgeOptimizer<'a> {
             .max_by(|a, b| a.gain.total_cmp(&b.gain))
     }
 
-    /// Returns the indices of the points on the measured faces.
+    /// Returns the indices of the scan's points whose nearest surface point is on one of the measured faces.
     fn points_near(&self, around: &Surroundings) -> impl Iterator<Item = u32> {
         around.measured.iter().flat_map(|&face| self.points_of_face[face as usize].iter().copied())
     }

@@ -141,8 +141,8 @@ fn creases_of_a_sphere_are_removed() {
     assert!(rms(&found) < rms(&fit_mesh(&creased, dense.positions())));
 }
 
-/// Creates the corner of a pit: two walls below the x and y axes, and around them three quarters of a flat face, which one smooth edge
-/// divides.
+/// Creates the corner of a pit in a flat face. Two vertical walls go down from the positive x and y axes. The flat face covers the other
+/// three quarters of the plane and is divided by one smooth edge.
 fn corner_of_a_pit() -> Mesh {
     let [out, deep] = [8.0, 4.0];
     let positions =

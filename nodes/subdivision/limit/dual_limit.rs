@@ -76,7 +76,8 @@ impl DualLimit {
                 return;
             }
             if let Some(corners) = self.lone_face(ring) {
-                // A step halves the first Fourier mode of a face's corners: the convolution of this mode with `alpha` is half of it.
+                // The tangents are the first Fourier mode of the face's corners. A refinement step halves this mode, because its
+                // convolution with `alpha` is half of it.
                 for part in 0..2 {
                     let n = corners.len();
                     (0..n).zip(corners).for_each(|(j, &corner)| {

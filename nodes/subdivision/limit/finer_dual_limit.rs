@@ -23,8 +23,8 @@ const BLOCK: usize = 4096;
 pub(crate) struct FinerDualLimit {
     limit: DualLimit,
     rings: Rings,
-    /// The vertices whose faces do not form a closed ring. The other lists have their limit positions, their tangents, and the index of
-    /// each vertex's first tangent row.
+    /// The vertices whose faces do not form a closed ring. For these vertices `positions` has the limit positions, `tangents` the tangents,
+    /// and `sides` the index of each vertex's first row in `tangents`.
     border: Vec<u32>,
     positions: Stencils,
     tangents: Stencils,

@@ -80,8 +80,8 @@ impl FinerLimit {
     }
 
     /// Updates `limit`, an earlier result of [`apply`](Self::apply), if only the limits of the vertices in `rows` have changed. `control`
-    /// has the positions before the move to the limit; only those of the vertices in `rows` and their neighbors need to be valid. Returns
-    /// `None` if a position is not finite.
+    /// has the vertex positions before they are moved to the limit surface; only those in `rows` and their neighbors need to be valid.
+    /// Returns `None` if a position is not finite.
     pub(crate) fn follow(
         &self,
         rows: &[Range<u32>],

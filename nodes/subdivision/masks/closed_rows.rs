@@ -82,7 +82,7 @@ fn ring<const SIDES: usize>(corners: &[u32], own: &[u32], to: &mut [u32]) -> boo
         }
         let Some(after) = ends.iter().position(|ends| ends[0] == previous) else { return false };
         at = after;
-        // The ring must return to the first corner after all others, and not earlier.
+        // The ring must return to the first corner after it has visited all other corners, and not earlier.
         if (at == 0) != (index + 1 == n) {
             return false;
         }

@@ -18,7 +18,7 @@ use crate::rules::Rules;
 
 /// The masks of a scheme.
 pub(crate) trait Masks: Sync {
-    /// Returns the weights of `v`, of each `e_j` and of each `F_j` in the new vertex of a smooth vertex.
+    /// Returns the weights of `v`, of each `e_j` and of each `F_j` in the new vertex that replaces a smooth vertex.
     fn vertex(&self, n: usize) -> [f64; 3];
 
     /// Returns the weights of `v`, of each `e_j` and of each `F_j` in the limit point of a smooth vertex.
@@ -195,8 +195,8 @@ impl<H: HalfEdges, M: Masks> RingMasks<'_, H, M> {
         self.push_centroids(vertex, ring, weights, row, rows);
     }
 
-    /// Writes the limit point of a crease vertex by the rules of Hoppe et al.: after one step its neighbors `e_l` and `e_r` on the crease
-    /// are regular. From then on `(3 v + e_l + e_r) / 5` is invariant, or `(4 v + e_l + e_r) / 6` if `v` is regular, too.
+    /// Writes the limit point of a crease vertex by the rules of Hoppe et al. After one step its neighbors `e_l` and `e_r` on the crease
+    /// are regular. From then on each step preserves the point `(3 v + e_l + e_r) / 5`, or `(4 v + e_l + e_r) / 6` if `v` is regular, too.
     fn hoppe_limit(&self, vertex: u32, ring: &Ring, ends: [usize; 2], rows: &mut Rows) {
         let own = if is_regular(ring, ends[0], ends[1]) { 4.0 } else { 3.0 };
         rows.push(vertex, 0.75 * own / (own + 2.0));

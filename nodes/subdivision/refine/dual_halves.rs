@@ -83,8 +83,8 @@ impl DualFaces<'_> {
         let mut from = vec![NONE; vertices];
         let corners = &faces.corners()[..];
         (around as u32..).zip(&corners[around..]).for_each(|(half, &at)| from[at as usize] = half);
-        // The faces across old edges: two of their half-edges are owners, or three at the border; the twins of these owners are in the
-        // faces around vertices.
+        // The faces across old edges: two of their half-edges are owners, or three at the border. The twins of these owners are in the
+        // faces around old vertices.
         let (mut next, mut rest) = (inner, &mut halves[inner..]);
         let blocks = edges.chunks(BLOCK).map(|edges| {
             let border = edges.iter().filter(|&&edge| mesh.is_boundary(edge)).count();

@@ -175,7 +175,7 @@ impl Level {
 
     /// Performs [`Self::at_children`] with half-edges in the mesh that is `age` steps later. A neighborhood involves only a few faces of
     /// the last mesh, but vertices are numbered in the order of their creation. So a task first reads the neighborhoods of a few faces in
-    /// order, and then computes all vertices that these faces have created in some steps.
+    /// order. Then it computes all vertices that these faces have created in some steps.
     fn at_descendants<A: Send, B: Send, K: Split>(
         &self,
         around: Option<VertexInput<'_>>,

@@ -3,8 +3,8 @@
 //! A new vertex depends on the faces around the vertex, edge or face that creates it. After all steps a control point therefore affects at
 //! most two rings of faces of the control mesh: one ring in the first step, another half in the second, and so on. The *core* consists of
 //! these faces; all steps are computed for it. All steps but the last are also computed for the *halo*, the faces around the core. At the
-//! rim of the halo the computed points are wrong, because the faces outside are missing: after the first step at the rim itself, after the
-//! second up to half a face away from it, and so on. The errors do not reach the core.
+//! outer border of the halo the computed points are wrong, because the faces beyond it are missing. After the first step only the border
+//! itself is wrong, after the second the points up to half a face away from it, and so on. The errors do not reach the core.
 
 use std::ops::Range;
 
@@ -26,7 +26,7 @@ const BLOCK: usize = 1024;
 struct Part {
     /// The half-edges that these faces have in the control mesh.
     halves: Rows,
-    /// The vertices of the refined faces, except for some at the rim.
+    /// The vertices of the refined faces, except for some at the border of the set.
     vertices: Rows,
 }
 

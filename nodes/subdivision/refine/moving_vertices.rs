@@ -1,4 +1,4 @@
-//! A refined mesh that follows its control points: if some move, only the vertices that depend on them are recomputed.
+//! A refined mesh that follows its control points: if some control points move, only the vertices that depend on them are recomputed.
 //!
 //! In one step a vertex affects the new vertices of its faces: at their corners, on their edges and in their interior. Each new vertex is
 //! computed by the same operations as in the full refinement, so both results are equal bit for bit.

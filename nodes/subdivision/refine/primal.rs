@@ -30,7 +30,7 @@ pub(crate) struct Primal {
     stencils: Stencils,
     /// The faces after the step.
     pub(crate) finer: Faces,
-    /// A list left from an earlier call that can be reused for the new vertices, if there is one.
+    /// A list of points to reuse for the new vertices, left from an earlier call; `None` if there is none.
     left: Mutex<Option<Vec<Point3<f64>>>>,
 }
 
@@ -196,8 +196,8 @@ impl Primal {
         self.level.rules.scheme.has_middles().then_some([vertex, half])
     }
 
-    /// Computes the position of one new vertex, equal bit for bit to the result of [`Self::positions`]. The new vertices inside the faces
-    /// around it must be valid.
+    /// Computes the position of one new vertex, equal bit for bit to the result of [`Self::positions`]. `new` must already contain the new
+    /// vertices inside the faces around this vertex.
     pub(crate) fn vertex_position(
         &self,
         vertex: u32,

@@ -44,8 +44,8 @@ pub(crate) trait Split: Copy + Sync {
     /// The origin of a half-edge of the refined mesh.
     fn origin(self, mesh: &Connectivity, half: u32) -> Origin;
 
-    /// Returns the new edges inside a face that the part at corner `k` owns, and the number of these edges. Each edge is a pair of
-    /// half-edges, the owner first.
+    /// Returns the new edges inside an old face that belong to its part at corner `k`, and the number of these edges. Each edge is a pair
+    /// of half-edges, the owner first.
     fn inner_edges(self, first: u32, sides: u32, k: u32) -> ([[u32; 2]; 2], usize);
 
     /// Writes the new half-edges that start at the new vertex on an edge, counter-clockwise, on the side of `half`.

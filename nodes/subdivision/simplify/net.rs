@@ -168,7 +168,8 @@ impl Net {
         seams.map(|edge| edge[0].0).collect()
     }
 
-    /// Returns the sides of an edge. Also returns, for each end, true if it has a wedge that belongs to neither side.
+    /// Returns the two sides of an edge (one at a border); equal sides are listed once. Also returns, for each end of the edge, true if the end has
+    /// a wedge that belongs to no side of the edge.
     fn edge_sides(&self, [a, b]: [u32; 2]) -> (Vec<Side>, [bool; 2]) {
         let Some(wedges) = &self.wedges else { return Default::default() };
         let mut sides = Vec::new();
@@ -189,7 +190,7 @@ impl Net {
         (sides, others)
     }
 
-    /// Returns the corner of a face at which a vertex lies.
+    /// Returns the index, from 0 to 2, of the corner of a face that is at a vertex; `None` if the face does not contain the vertex.
     fn corner(&self, face: u32, vertex: u32) -> Option<usize> {
         self.triangles[face as usize].iter().position(|&corner| corner == vertex)
     }
@@ -246,8 +247,8 @@ impl Net {
         }
         let [first, second] = ends.map(|end| self.positions[end as usize]);
         let sharp_edge = self.is_sharp(ends);
-        // A vertex is fixed if it is the end of a crease or on several creases; when a smooth edge is collapsed, every vertex of a crease
-        // is fixed. A vertex with a wedge on neither side of the edge is fixed, too, so this wedge need not change.
+        // A vertex is fixed if it is the end of a crease or on several creases. When a smooth edge is collapsed, every vertex of a crease
+        // is fixed. A vertex with a wedge that is on no side of the edge is fixed, too, so this wedge need not change.
         let is_fixed = [0, 1].map(|end| {
             others[end]
                 || match self.sharp[ends[end] as usize].len() {
@@ -275,7 +276,7 @@ impl Net {
         Some(Collapse { cost, length_sq, ends, versions, position })
     }
 
-    /// Returns true if both ends are unchanged since the cost of the collapse was computed.
+    /// Returns true if neither end of the edge has changed since the cost of the collapse was computed.
     pub(super) fn is_current(&self, collapse: &Collapse) -> bool {
         collapse.ends.map(|end| self.versions[end as usize]) == collapse.versions
     }
@@ -299,14 +300,14 @@ impl Net {
         if !common.eq(apexes.iter().copied()) || shared.len() > 2 {
             return false;
         }
-        // If both other sides of a triangle at the edge are sharp, the collapse would merge two sharp edges.
+        // If the two other sides of a triangle at the edge are both sharp, the collapse would merge them into one sharp edge.
         !apexes.iter().any(|v| self.is_sharp([a, *v]) && self.is_sharp([b, *v]))
             && self.keeps_sides(collapse, a, b)
             && self.keeps_sides(collapse, b, a)
     }
 
-    /// Returns true if a move of `vertex` to its new position preserves the orientation of its faces and leaves them some area. Faces that
-    /// also have the vertex `other` are not checked, because the collapse removes them.
+    /// Returns true if the faces of `vertex` keep their orientation and some area when it moves to its new position. Faces that also have
+    /// the vertex `other` are not checked, because the collapse removes them.
     fn keeps_sides(&self, collapse: &Collapse, vertex: u32, other: u32) -> bool {
         let faces = self.around[vertex as usize].iter().map(|&face| self.triangles[face as usize]);
         let mut faces = faces.filter(|face| !face.contains(&other));

@@ -76,8 +76,8 @@ impl<'a> Search<'a> {
         parts.into_iter().fold([[0.0; 3]; 2], |[a, b], [c, d]| [add(a, c), add(b, d)])
     }
 
-    /// Takes a step along the search direction; `step` has the step length of each coordinate. Returns the remaining distances, and the
-    /// sums of the squared residuals weighted by the symmetry factors.
+    /// Takes a step along the search direction; `step` has the step length of each coordinate. Returns the remaining distances, and for
+    /// each coordinate the sum of the squared residuals weighted by `scale`.
     pub(crate) fn step(&mut self, step: Column) -> (Residuals, Column) {
         let Self { scale, moved, residual, direction, applied, .. } = self;
         let to = moved.par_chunks_mut(CHUNK).zip(residual.par_chunks_mut(CHUNK));

@@ -15,9 +15,10 @@ pub(crate) struct Stray {
 /// than the diagonal of the box. Returns `None` if the check succeeds. `sample` returns points of the curve or surface, or `None` on
 /// overflow.
 ///
-/// The distance of the control points alone is no criterion. If data alternate between high and low, the control points of a cubic curve
-/// alternate three times as much, those of a bicubic surface nine times, and more at a border; the curve or surface nevertheless stays near
-/// the data. Conversely, a curve or surface is inside the convex hull of its control points, so it need not be sampled if these are near.
+/// The distance of the control points alone is not a criterion. If data alternate between high and low, the control points of a cubic curve
+/// alternate three times as much, those of a bicubic surface nine times, and more at a border. The curve or surface nevertheless stays near
+/// the data. Conversely, a curve or surface is inside the convex hull of its control points, so it need not be sampled if the control
+/// points are near the data.
 pub(crate) fn stray(
     control: &[Point3<f64>],
     points: &[Point3<f64>],

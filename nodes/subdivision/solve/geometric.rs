@@ -87,9 +87,9 @@ pub(crate) struct FootSearch<'a> {
 /// The set of points whose foot point is the limit of their own control point.
 struct OwnLimits {
     is: Vec<bool>,
-    /// The largest distance at a past iteration, which must be halved, and the number of that iteration.
+    /// The last checkpoint: a largest distance that must be halved, and the number of the iteration that had it.
     mark: (f64, u32),
-    /// The first iteration after points were added for the last time.
+    /// The first iteration after the last addition of points to the set.
     since: u32,
 }
 
@@ -108,7 +108,7 @@ impl OwnLimits {
         self.is_linear() || worst.is_finite() && is_in_time
     }
 
-    /// Adds the points with the largest squared distances to the set. If they are already in it, adds all points.
+    /// Adds the points with the largest squared distances to the set. If all of these are already in the set, adds all points.
     fn add(&mut self, iteration: u32, squares: &[f64]) {
         let worst = squares.iter().copied().fold(0.0, f64::max);
         fn holds_up(k: usize, worst: f64, squares: &[f64]) -> bool {

@@ -27,8 +27,8 @@ use super::solution::{End, Outcome, Solution};
 /// The residual is recomputed after this number of steps, because the recurrence for the residual accumulates rounding errors.
 const RESTART: u32 = 50;
 
-/// Directions that the matrix multiplies by less than this factor belong to its null space. If there are such directions, the residual has
-/// a part outside of the range of the matrix, which the iteration would amplify.
+/// Directions that the matrix multiplies by less than this factor belong to its null space. If the matrix has such directions, a part of
+/// the residual is outside of the range of the matrix, and the iteration would amplify this part.
 const VANISHING: f64 = 1e-8;
 
 /// The maximum number of products of two entries of one row when the normal equations are formed. This many products take some seconds, and
@@ -199,8 +199,9 @@ impl<'a> Block<'a> {
         Self { right: right.collect(), rows: Cow::Owned(rows), unknown }
     }
 
-    /// Iterates until `record` accepts the block's distances. Each iteration records them together with the distances `others` of the other
-    /// blocks. Returns true if the iteration ended because the residual is outside of the range of the matrix, and the distances.
+    /// Iterates until `record` accepts the block's distances. In each iteration `record` gets these distances, combined with the distances
+    /// `others` of the other blocks. Returns true if the iteration ended because the residual is outside of the range of the matrix, and
+    /// the distances.
     fn iterate(
         &mut self,
         scale: &[f64],

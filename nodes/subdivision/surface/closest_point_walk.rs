@@ -36,8 +36,8 @@ pub(crate) struct FacePosition {
 pub(crate) struct Nearest {
     pub(crate) spot: FacePosition,
     pub(crate) point: LimitPoint,
-    /// True at a border, at a crease, or at the rim of the allowed faces. There the line to the closest point need not be perpendicular to
-    /// the surface.
+    /// True if the walk was stopped by a border, by a crease, or by a face that it may not enter. Then the line to the closest point need
+    /// not be perpendicular to the surface.
     pub(crate) held: bool,
 }
 
@@ -74,7 +74,8 @@ pub(crate) fn walk_to_closest_point(
         fn is_foot(step: [f64; 2], slope: &Slope, spoke: Vector3<f64>) -> bool {
             slope.length_sq(step) <= MIN_RELATIVE_STEP * MIN_RELATIVE_STEP * spoke.norm_squared()
         }
-        // If the closest point is on a side, rounding errors could make the walk alternate between the two faces.
+        // If the closest point is on a side, rounding errors may lead back to the side from both faces, as at a crease. The point does not
+        // count as held if the unrestricted step would be negligible.
         held = matches!(way, Continuation::Along(_) | Continuation::Nowhere)
             && !is_foot(slope.step(), &slope, spoke);
         match way {

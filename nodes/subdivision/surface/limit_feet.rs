@@ -22,8 +22,8 @@ use crate::scheme::PrimalScheme;
 use crate::solve::geometric::{FootPoint, Perpendicular};
 use crate::{LimitPoint, LimitSurface, Scheme, Subdivision};
 
-/// Returns the foot points if the foot point of each vertex is the limit point of its own control point. The normal at a foot point is
-/// computed only if `facing` is given and the vertex is not marked in `own`.
+/// Returns the foot points of the vertices for `foot: Vertex`: each is the limit point of the vertex's own control point. The normal at a
+/// foot point is computed only if `facing` is given and the vertex is not marked in `own`.
 pub(crate) fn vertex_feet(
     positions: &Stencils,
     facing: Option<&Limit>,
@@ -52,7 +52,7 @@ fn perpendicular_along(normal: Vector3<f64>) -> Perpendicular {
     normal.try_normalize(0.0).map_or(Perpendicular::Nowhere, Perpendicular::Along)
 }
 
-/// Finds the foot points of the given vertices on the surface of each iteration: the nearest surface points on the faces at each vertex.
+/// Finds the foot points of the given vertices: for each vertex the nearest point of the current surface on the faces at this vertex.
 ///
 /// The search is a descent that starts at the foot points of the previous iteration, in the first iteration at the limits of the control
 /// points. A global search could find the nearest point on another sheet of the surface, to which the control point does not belong.
@@ -62,12 +62,13 @@ pub(crate) struct ClosestFeet<'a> {
     /// The limit masks: row `i` gives the limit point of control point `i`.
     own: &'a Stencils,
     surface: Shape,
-    /// The foot points of the previous iteration; at first each vertex has one start in each of its faces. Empty for a vertex whose foot
-    /// point is always the limit of its own control point.
+    /// The foot points of the previous iteration. Before the first iteration each vertex has one start position in each of its faces. Empty
+    /// for a vertex whose foot point is always the limit of its own control point.
     last: Vec<Vec<FacePosition>>,
 }
 
-/// The distance between the vertex and the start of a walk: at the vertex itself the surface may have no derivatives.
+/// The coordinates at which a walk starts on a face whose corner (0, 0) is at the vertex. At the vertex itself the surface may have no
+/// derivatives.
 const START_OFFSET: f64 = 1e-3;
 
 impl<'a> ClosestFeet<'a> {

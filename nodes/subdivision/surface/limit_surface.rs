@@ -131,8 +131,8 @@ impl LimitSurface {
         self.frame.rules.scheme
     }
 
-    /// Evaluates the part with the index `part` at a position. The derivatives are with respect to the coordinates that the position had
-    /// before it was converted to coordinates of the part.
+    /// Evaluates the part with the index `part` at a position. The derivatives are with respect to the coordinates from which the
+    /// [`FacePoint`] was created.
     pub(crate) fn evaluate_part(&self, part: u32, position: FacePoint) -> LimitPoint {
         self.part(part).evaluate(position)
     }
@@ -164,8 +164,8 @@ impl LimitSurface {
             },
             PrimalScheme::CatmullClark => {
                 let half = 4 * part;
-                // After one step the irregular corner is the part's first corner, or its opposite corner if that is the center of a
-                // polygon.
+                // After the refinement steps the irregular corner is the part's first corner; if it is the center of a polygon, it is the
+                // corner opposite to the first.
                 match [half, half + 1, half + 2, half + 3].map(valence) {
                     [n, 4, 4, 4] if is_known(n) => Smooth::Quad(self.smooth_quad(half, n)),
                     [4, 4, n, 4] if is_known(n) => {
@@ -224,8 +224,7 @@ enum Smooth {
 }
 
 impl LimitPart<'_> {
-    /// Evaluates the part at a position. The derivatives are with respect to the coordinates that the position had before it was converted
-    /// to coordinates of the part.
+    /// Evaluates the part at a position. The derivatives are with respect to the coordinates from which the [`FacePoint`] was created.
     pub(crate) fn evaluate(&mut self, position: FacePoint) -> LimitPoint {
         let [u, v] = position.at;
         let jet = match &mut self.smooth {

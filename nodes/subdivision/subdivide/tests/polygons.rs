@@ -400,8 +400,8 @@ fn other_numbers_for_the_vertices_give_the_same_surface() {
         let corners = mesh.faces().corners().iter().zip(other.faces().corners().iter());
         let mut positions = corners
             .map(|(&a, &b)| (mesh.positions()[a as usize] - other.positions()[b as usize]).norm());
-        // The faces around vertices are in the order of the vertices, which differs between the two meshes, and their refinements are in
-        // this order, too. So only the refined faces inside old faces are compared.
+        // The faces around vertices are in the order of the vertices, which differs between the two meshes. So are their refinements.
+        // Therefore only the refined faces inside old faces are compared.
         assert!(positions.by_ref().take(same).all(|distance| distance < 1e-15));
     }
 }
