@@ -1,7 +1,8 @@
 //! Distances of a closed line from a point inside of it, in every direction.
 //!
 //! Rays start at the point, several for each cell of the line. A ray ends where it crosses the line for the last time, because the line may
-//! have teeth that hide parts of it. The length of the part of a ray that is outside before its end distinguishes teeth from bays.
+//! have teeth that hide parts of it. Before its end a ray may be outside of the line; the length of this part distinguishes teeth from
+//! bays.
 
 use std::f64::consts::TAU;
 

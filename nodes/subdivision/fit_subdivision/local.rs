@@ -36,7 +36,7 @@ pub(super) struct Measure {
 }
 
 impl Local {
-    /// Creates the part of a net after a change. Returns `None` if the part is not manifold.
+    /// Extracts the part of a net around a change, as it is after the change. Returns `None` if the part is not manifold.
     pub(super) fn new(net: &Net, change: &Change, around: &Surroundings) -> Option<Self> {
         let [measured, margin] = [&around.measured, &around.margin].map(|faces| {
             let kept = faces.iter().filter(|face| !change.removed.contains(face));

@@ -142,8 +142,8 @@ impl Limit {
     }
 }
 
-/// Writes the normals of the `odd` vertices (each given with a half-edge from it), computed from the pairs of `tangents`; `sides` has the
-/// first row of each vertex. Also replaces all normals that are zero because the tangents do not span a plane.
+/// Writes the normals of the `odd` vertices (each given with a half-edge from it), computed from the pairs of `tangents`. `sides` has the
+/// index of each vertex's first row in `tangents`. Also replaces all normals that are zero because the tangents do not span a plane.
 pub(crate) fn complete_normals(
     normals: &mut [[f64; 3]],
     limit: &Mesh,

@@ -298,8 +298,8 @@ impl Dual {
         new
     }
 
-    /// Returns the old face from which each new face gets its attributes: for a face inside an old one the old face, for a face across an
-    /// edge the face of the edge's owner, for a face around a vertex the first face of the vertex.
+    /// Returns the old face from which each new face gets its attributes. For a face inside an old face this is the old face, for a face
+    /// across an edge the face of the edge's owner, for a face around a vertex the first face of the vertex.
     pub(crate) fn parents(&self) -> Vec<u32> {
         let mesh = &self.mesh;
         let edges = self.edges.iter().map(|&edge| mesh.face_of(mesh.halves[edge as usize][0]));

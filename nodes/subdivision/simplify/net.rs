@@ -168,8 +168,8 @@ impl Net {
         seams.map(|edge| edge[0].0).collect()
     }
 
-    /// Returns the two sides of an edge (one at a border); equal sides are listed once. Also returns, for each end of the edge, true if the end has
-    /// a wedge that belongs to no side of the edge.
+    /// Returns the two sides of an edge (one at a border); equal sides are listed once. Also returns, for each end of the edge, true if the
+    /// end has a wedge that belongs to no side of the edge.
     fn edge_sides(&self, [a, b]: [u32; 2]) -> (Vec<Side>, [bool; 2]) {
         let Some(wedges) = &self.wedges else { return Default::default() };
         let mut sides = Vec::new();

@@ -33,8 +33,8 @@ impl End {
         if settled { Self::Settled } else { Self::Short }
     }
 
-    /// Returns the end of an iteration whose distances do not decrease. `missed` is the largest distance after the iteration with the number
-    /// `iteration`, the best one, in mm.
+    /// Returns [`End::Diverged`] for an iteration whose distances do not decrease. `iteration` is the number of the best iteration, and
+    /// `missed` the largest distance after it, in mm.
     pub(crate) fn missed(iteration: u32, missed: f64) -> Self {
         Self::Diverged(format!(
             "the iteration diverged: at its best, after {iteration} iterations, the largest distance from a point is {missed:.3e} mm; \
@@ -42,7 +42,7 @@ impl End {
         ))
     }
 
-    /// Returns the end of an iteration whose curve or surface was too far from its points after `iteration` iterations.
+    /// Returns [`End::Diverged`] for a curve or surface that was too far from its points after `iteration` iterations.
     pub(crate) fn strayed(iteration: u32, Stray { distance, diagonal }: Stray) -> Self {
         Self::Diverged(format!(
             "the iteration diverged: after {iteration} iterations the result is {distance:.3e} mm away from the points, whose bounding box \

@@ -21,7 +21,7 @@ impl FacePoint {
         Self { at: [u, v], turn: [[1.0, 0.0], [0.0, 1.0]] }
     }
 
-    /// Replaces the quad by its quarter that contains the position. Returns the corner at which this quarter lies.
+    /// Replaces the part, a quad, by its quarter that contains the position. Returns the index of the corner at which this quarter lies.
     pub(crate) fn halve_quad(&mut self) -> usize {
         let [u, v] = self.at.map(|x| x.clamp(0.0, 1.0));
         let (corner, at, turn) = match (u > 0.5, v > 0.5) {
@@ -34,7 +34,7 @@ impl FacePoint {
         corner
     }
 
-    /// Replaces the triangle by its quarter that contains the position. Returns the index of this quarter.
+    /// Replaces the part, a triangle, by its quarter that contains the position. Returns the index of this quarter.
     pub(crate) fn halve_triangle(&mut self) -> usize {
         let [u, v] = self.at.map(|x| x.max(0.0));
         let over = f64::max(u + v, 1.0);
@@ -59,7 +59,7 @@ impl FacePoint {
         self.turn = turn.map(|[a, b]| [0, 1].map(|k| 2.0 * (a * old[0][k] + b * old[1][k])));
     }
 
-    /// Replaces the polygon by the quad at the corner nearest to the position. Returns the corner.
+    /// Replaces the part, a polygon, by the quad at the corner nearest to the position. Returns the index of this corner.
     pub(crate) fn corner(&mut self, sides: usize) -> usize {
         let [u, v] = self.at;
         let corner = u.floor().clamp(0.0, (sides - 1) as f64);
