@@ -1,6 +1,6 @@
 //! Reads handles from a file.
 
-use maquette_format::handles::{HandlesFileError, read_csv, read_json, read_ron};
+use maquette_format::handles::{read_csv, read_json, read_ron};
 use maquette_node::{Context, Error, FilePath, Node};
 use maquette_value::{HandleSpace, Handles};
 use schemars::JsonSchema;
@@ -22,7 +22,7 @@ pub struct ReadHandles {
 }
 
 /// The reason why no handles can be read.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 pub enum ReadHandlesError {
     /// The file has an unsupported format.
     #[error("unknown extension `.{extension}` of a file of handles; expected ron, json or csv")]
@@ -31,8 +31,8 @@ pub enum ReadHandlesError {
         extension: String,
     },
     /// The file has no valid handles.
-    #[error(transparent)]
-    File(#[from] HandlesFileError),
+    #[error("{0}")]
+    File(Error),
 }
 
 impl Node for ReadHandles {
@@ -57,12 +57,13 @@ pub fn read_handles(
     extension: &str,
     space: HandleSpace,
 ) -> Result<Handles, ReadHandlesError> {
-    Ok(match extension {
-        "ron" => read_ron(bytes, space)?,
-        "json" => read_json(bytes, space)?,
-        "csv" => read_csv(bytes, space)?,
+    let handles = match extension {
+        "ron" => read_ron(bytes, space),
+        "json" => read_json(bytes, space),
+        "csv" => read_csv(bytes, space),
         _ => return Err(ReadHandlesError::Extension { extension: extension.to_owned() }),
-    })
+    };
+    handles.map_err(ReadHandlesError::File)
 }
 
 #[cfg(test)]

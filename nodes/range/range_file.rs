@@ -2,7 +2,7 @@
 
 use maquette_base::unit::Unit;
 use maquette_format::camera;
-use maquette_format::camera::{CameraError, CameraFile, View};
+use maquette_format::camera::{CameraFile, View};
 use maquette_format::pcd::NotOrganizedError;
 use maquette_format::range_file;
 use maquette_node::{Context, Error, FilePath};
@@ -56,11 +56,11 @@ pub(super) fn is_unknown(error: &Error) -> bool {
 }
 
 /// Error of a camera file.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 pub enum CameraFileError {
     /// The camera file cannot be read.
-    #[error("the camera file cannot be read")]
-    Read(#[from] CameraError),
+    #[error("the camera file cannot be read: {0}")]
+    Read(Error),
     /// The camera file has no camera for the picture.
     #[error(
         "the camera file has no camera for the picture: add `color` with `fx`, `fy`, `cx`, `cy` beside `range`, or use `ReadRange` to read the grid alone"
@@ -79,7 +79,7 @@ pub enum CameraFileError {
 }
 
 pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, CameraFileError> {
-    Ok(camera::read(bytes)?)
+    camera::read(bytes).map_err(CameraFileError::Read)
 }
 
 /// Checks that the camera file describes a picture or grid of the size that was read.

@@ -4,7 +4,7 @@ use maquette_base::unit::Unit;
 use maquette_format::camera::CameraFile;
 use maquette_format::exif;
 use maquette_format::picture_file;
-use maquette_format::picture_file::PictureError;
+
 use maquette_node::{Context, Error, FilePath, Node};
 use maquette_value::{Image, RangeImage, Registration};
 use schemars::JsonSchema;
@@ -37,9 +37,9 @@ pub struct ReadCapture {
 }
 
 /// The picture of a capture cannot be read.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("the picture cannot be read")]
-pub struct ReadCaptureError(#[from] PictureError);
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("the picture cannot be read: {0}")]
+pub struct ReadCaptureError(Error);
 
 impl Node for ReadCapture {
     type Outputs = (Image, RangeImage);
@@ -93,7 +93,7 @@ pub fn read_capture(
 }
 
 fn read_picture(bytes: &[u8]) -> Result<Image, ReadCaptureError> {
-    Ok(picture_file::read(bytes)?)
+    picture_file::read(bytes).map_err(ReadCaptureError)
 }
 
 /// Registers a picture and a grid that were taken together.

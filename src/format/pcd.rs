@@ -16,7 +16,7 @@ use super::colors::{self, ColorRange};
 use super::finite::{self, FiniteMask};
 use super::losses;
 use super::rows::{fill_blocks, fill_column};
-use super::{CoordinateOverflow, FilePosition, check_single, max_memory, parse, parse_real, words};
+use super::{FilePosition, check_single, max_memory, parse, parse_real, words};
 
 mod header;
 mod lzf;
@@ -318,7 +318,7 @@ impl FileFormat for RangePcd {
 /// Encodes a range image as a binary PCD file, in single precision, with NaN for invalid cells.
 ///
 /// Returns an error if a coordinate is too large for single precision.
-pub fn encode(range: &RangeImage) -> Result<Vec<u8>, CoordinateOverflow> {
+pub fn encode(range: &RangeImage) -> Result<Vec<u8>, Error> {
     check_single("cell", range.points())?;
     let (width, height) = (range.width(), range.height());
     let (names, per_field) = match range.colors() {

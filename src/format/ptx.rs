@@ -14,7 +14,7 @@ use nalgebra::{Matrix4, Point3};
 
 use super::losses;
 use super::range_file::RangeFile;
-use super::{camera, check_single, excerpt, finite, parse, parse_real, words};
+use super::{camera, check_single, count_error, excerpt, finite, parse, parse_real, words};
 
 /// Millimeters per unit of the format.
 const METER: f64 = 1000.0;
@@ -251,10 +251,6 @@ fn too_few_points(expected: usize, found: usize) -> Error {
 
 fn value_error(line: usize, word: &[u8]) -> Error {
     Error::new(format!("line {line}: `{}` is not a valid value", excerpt(word)))
-}
-
-fn count_error(line: usize, expected: usize, found: usize) -> Error {
-    Error::new(format!("line {line}: expected {expected} numbers, found {found}"))
 }
 
 /// Reads the numbers of a line.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use maquette_graph::catalog::Catalog;
 
-use crate::eval::{Disk, DiskError, Evaluator, ThreadsError};
+use crate::eval::{Disk, DiskError, Evaluator};
 
 /// The settings of a session. They do not change any result; but if there is too little memory for a node, the node fails.
 #[derive(Clone, Debug)]
@@ -64,20 +64,8 @@ impl fmt::Debug for CacheServer {
 
 /// The error of creating a session.
 #[derive(Debug, thiserror::Error)]
-pub enum SessionError {
-    /// The threads cannot be started.
-    #[error(transparent)]
-    Threads(#[from] ThreadsError),
-    /// The folder that was given for results belongs to another user or program.
-    #[error("{0}; --cache chooses another folder")]
-    Cache(DiskError),
-    /// The value of `MAQUETTE_CACHE_SIZE` is not a size.
-    #[error("{0}")]
-    Size(String),
-    /// The address of the server of results is invalid.
-    #[error("{0}")]
-    Server(String),
-}
+#[error("{0}")]
+pub struct SessionError(pub(super) String);
 
 /// The default memory limit of results, in bytes.
 const MEMORY: usize = 2_000_000_000;
@@ -136,14 +124,14 @@ impl Settings {
             CacheFolder::None => (None, false),
         };
         let Some(folder) = folder else { return Ok((evaluator, None)) };
-        match Disk::open(&folder, disk_size().map_err(SessionError::Size)?, catalog) {
+        match Disk::open(&folder, disk_size().map_err(SessionError)?, catalog) {
             Ok(disk) => {
-                let disk = self.server.connect(disk).map_err(SessionError::Server)?;
+                let disk = self.server.connect(disk).map_err(SessionError)?;
                 Ok((evaluator.with_disk(disk), None))
             }
             // If the folder was given explicitly, it is probably a mistake, so this is an error.
             Err(error @ (DiskError::Foreign(_) | DiskError::OtherUser(_))) if named => {
-                Err(SessionError::Cache(error))
+                Err(SessionError(format!("{error}; --cache chooses another folder")))
             }
             Err(error) => {
                 let warning =

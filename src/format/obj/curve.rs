@@ -5,8 +5,8 @@ use maquette_syntax::error::Error;
 use maquette_value::{Curve, KnotVector};
 use nalgebra::Point3;
 
-use super::lines::{for_lines, not_a_number, numbers, resolve, without_comment};
-use super::{parse, words};
+use super::lines::{for_lines, numbers, resolve, without_comment};
+use crate::{not_a_number, parse, words};
 
 /// Reads the curve in an OBJ file. It is either a polyline or one free-form curve `curv` of type `bspline`, with or without `rat`. A
 /// polyline may consist of several `l` elements that continue each other, and is closed if it returns to its first vertex.

@@ -4,7 +4,7 @@ use maquette_syntax::bail;
 use maquette_syntax::error::Error;
 use memchr::{memchr, memchr_iter};
 
-use crate::{excerpt, parse_real};
+use crate::{not_a_number, parse_real};
 
 /// Calls `read` with each line and its number. A line that ends with `\` is joined with the next one. Comments are not removed.
 pub(super) fn for_lines(
@@ -70,9 +70,4 @@ pub(super) fn numbers<'a, const N: usize>(
         bail!("line {line}: expected at least {min} numbers, found {found}");
     }
     Ok((numbers, found))
-}
-
-/// Returns the error that a word is not a number.
-pub(super) fn not_a_number(line: usize, word: &[u8]) -> Error {
-    Error::new(format!("line {line}: `{}` is not a number", excerpt(word)))
 }
