@@ -46,12 +46,12 @@ impl Node for ReadHandles {
 /// # Errors
 /// Returns an error if the extension is unknown or the bytes are not valid.
 pub fn read_handles(bytes: &[u8], extension: &str, space: HandleSpace) -> Result<Handles, Error> {
-    Ok(match extension {
-        "ron" => read_ron(bytes, space)?,
-        "json" => read_json(bytes, space)?,
-        "csv" => read_csv(bytes, space)?,
-        _ => return Err(UnknownExtension(extension.to_owned()).into()),
-    })
+    match extension {
+        "ron" => read_ron(bytes, space),
+        "json" => read_json(bytes, space),
+        "csv" => read_csv(bytes, space),
+        _ => Err(UnknownExtension(extension.to_owned()).into()),
+    }
 }
 
 #[cfg(test)]

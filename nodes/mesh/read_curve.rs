@@ -53,7 +53,7 @@ pub fn curve_in_millimeters(curve: Curve, unit: Unit) -> Result<Curve, CurveErro
 /// Returns an error if the extension is not `obj`, or the bytes are not an OBJ file.
 pub fn read_curve(bytes: &[u8], ending: &str) -> Result<Curve, Error> {
     match ending {
-        "obj" => Ok(obj::read_curve(bytes)?),
+        "obj" => obj::read_curve(bytes),
         _ => bail!("cannot read a curve from a `.{ending}` file: the supported format is obj"),
     }
 }

@@ -3,7 +3,7 @@
 use maquette_base::unit::Unit;
 use maquette_format::camera;
 use maquette_format::camera::{CameraFile, View};
-use maquette_format::pcd::PcdError;
+use maquette_format::pcd::NotOrganizedError;
 use maquette_format::range_file;
 use maquette_node::{Context, Error, FilePath};
 use maquette_value::RangeImage;
@@ -37,7 +37,7 @@ pub(super) fn read(
         Axes::YUp => range_file::Axes::YUp,
     };
     let read = range_file::read(bytes, ending, camera).map_err(|error| {
-        let is_list = matches!(error.downcast(), Some(PcdError::NotOrganised { .. }));
+        let is_list = error.downcast::<NotOrganizedError>().is_some();
         if is_list { PointList(error).into() } else { error }
     });
     let mut file = read?;

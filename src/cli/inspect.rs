@@ -443,7 +443,7 @@ impl Inspect {
         if extension(path) == "png" && is_seen {
             return match request.picture(value, source) {
                 Ok(picture) => {
-                    let bytes = png::encode_rgb(&picture).map_err(Error::from);
+                    let bytes = png::encode_rgb(&picture);
                     write_files(bytes.map(|bytes| NewFile::single(&name, bytes)), path, sources)
                 }
                 Err(exit) => exit,

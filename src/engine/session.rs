@@ -112,7 +112,9 @@ impl Session {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn with_catalog(catalog: Arc<Catalog>, settings: &Settings) -> Result<Self, SessionError> {
-        Self::with_threads(start_threads(settings.threads)?, catalog, settings)
+        let threads = start_threads(settings.threads);
+        let threads = threads.map_err(|error| SessionError(error.to_string()))?;
+        Self::with_threads(threads, catalog, settings)
     }
 
     /// Creates a session that runs on a pool of threads, which other sessions may share. [`Settings::threads`] is ignored.

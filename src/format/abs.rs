@@ -2,81 +2,41 @@
 //!
 //! y points up and z towards the sensor; the top row comes first. The format does not state its unit; the sensor writes mm.
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::RangeImage;
 use nalgebra::Point3;
-use thiserror::Error;
 
 use super::range_file::{Axes, RangeFile};
-use super::{excerpt, parse, words};
-
-/// Error of reading a range grid from an ABS file.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum AbsError {
-    /// A header line differs from what the format requires.
-    #[error("line {line}: expected `{wanted}`, found `{text}`")]
-    Header {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The text of the line.
-        text: String,
-        /// The form that the line should have.
-        wanted: &'static str,
-    },
-    /// The number of rows or columns is 0, or their product is too large to count.
-    #[error("the grid of {rows} rows and {columns} columns is empty or too large")]
-    Size {
-        /// The number of rows.
-        rows: usize,
-        /// The number of columns.
-        columns: usize,
-    },
-    /// The file has fewer numbers than the header states.
-    #[error("line {line}: expected {expected} numbers, found {found}")]
-    CutOff {
-        /// The number of the line after the header, from 1.
-        line: usize,
-        /// The count of numbers in the file, or an upper bound for this count that follows from the file's size.
-        found: usize,
-        /// The expected count of numbers: a flag and three coordinates per cell.
-        expected: usize,
-    },
-    /// A word is not a number.
-    #[error("line {line}: `{text}` is not a number")]
-    Number {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The word that is not a number.
-        text: String,
-    },
-}
+use super::{count_error, excerpt, not_a_number, parse, words};
 
 /// Reads the range grid in an ABS file. A cell is invalid if its flag is 0.
 ///
 /// Returns an error if the bytes are not an ABS file, or the file is truncated.
-pub fn read(bytes: &[u8]) -> Result<RangeFile, AbsError> {
+pub fn read(bytes: &[u8]) -> Result<RangeFile, Error> {
     let mut lines = bytes.split(|&byte| byte == b'\n').zip(1..);
-    let rows = count(lines.next(), "rows", "<number> rows")?;
-    let columns = count(lines.next(), "columns", "<number> columns")?;
+    let rows = count(lines.next(), "rows")?;
+    let columns = count(lines.next(), "columns")?;
     if let Some((text, line)) = lines.next().filter(|(text, _)| !text.starts_with(b"pixels")) {
-        let wanted = "pixels (flag X Y Z):";
-        return Err(AbsError::Header { line, text: excerpt(text), wanted });
+        return Err(header_error(line, "pixels (flag X Y Z):", text));
     }
-    let cells = rows.checked_mul(columns).filter(|&cells| cells > 0);
-    let cells = cells.ok_or(AbsError::Size { rows, columns })?;
+    let Some(cells) = rows.checked_mul(columns).filter(|&cells| cells > 0) else {
+        bail!("the grid of {rows} rows and {columns} columns is empty or too large");
+    };
     let expected = cells.saturating_mul(4);
     // Each number takes at least a digit and a blank; only the blank after the last number may be missing.
     if bytes.len().div_ceil(2) < expected {
-        return Err(AbsError::CutOff { line: 4, found: bytes.len() / 2, expected });
+        return Err(count_error(4, expected, bytes.len() / 2));
     }
     let mut numbers = Vec::with_capacity(expected);
     for (text, line) in lines {
         for word in words(text).take(expected - numbers.len()) {
             let number: Option<f32> = parse(word);
-            numbers.push(number.ok_or_else(|| AbsError::Number { line, text: excerpt(word) })?);
+            numbers.push(number.ok_or_else(|| not_a_number(line, word))?);
         }
     }
     if numbers.len() < expected {
-        return Err(AbsError::CutOff { line: 4, found: numbers.len(), expected });
+        return Err(count_error(4, expected, numbers.len()));
     }
     let [flags, x, y, z] = [0, 1, 2, 3].map(|column| &numbers[column * cells..][..cells]);
     let points = (0..cells)
@@ -90,20 +50,17 @@ pub fn read(bytes: &[u8]) -> Result<RangeFile, AbsError> {
 }
 
 /// Reads the number in a line such as `6 rows`.
-fn count(
-    line: Option<(&[u8], usize)>,
-    word: &str,
-    wanted: &'static str,
-) -> Result<usize, AbsError> {
+fn count(line: Option<(&[u8], usize)>, word: &str) -> Result<usize, Error> {
     let (text, line) = line.unwrap_or_default();
     let mut words = words(text);
     let count = words.next().and_then(parse);
     let is_named = words.next() == Some(word.as_bytes()) && words.next().is_none();
-    count.filter(|_| is_named).ok_or_else(|| AbsError::Header {
-        line: line.max(1),
-        text: excerpt(text),
-        wanted,
-    })
+    let header_error = || header_error(line.max(1), &format!("<number> {word}"), text);
+    count.filter(|_| is_named).ok_or_else(header_error)
+}
+
+fn header_error(line: usize, wanted: &str, text: &[u8]) -> Error {
+    Error::new(format!("line {line}: expected `{wanted}`, found `{}`", excerpt(text)))
 }
 
 #[cfg(test)]

@@ -2,10 +2,11 @@
 
 use std::iter;
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::{Pinhole, RangeImage, Registration};
 use nalgebra::{Matrix3, Matrix4};
 use serde_json::Value;
-use thiserror::Error;
 
 /// The name of a camera file that is valid for all captures in its folder.
 pub const NAME: &str = "camera.json";
@@ -73,60 +74,6 @@ impl CameraFile {
     }
 }
 
-/// Error of reading a camera file.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum CameraError {
-    /// The file is not JSON.
-    #[error("line {line}, column {column}: the file is not JSON")]
-    NotJson {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The number of the column, from 1.
-        column: usize,
-    },
-    /// A camera lacks a number of its pinhole.
-    #[error("the {camera} camera has no `{key}`")]
-    NoPinhole {
-        /// The camera: `color` or `range`.
-        camera: &'static str,
-        /// The key of the missing number.
-        key: &'static str,
-    },
-    /// A number of a camera is invalid.
-    #[error("`{camera}.{key}` is {value}: expected {wanted}")]
-    Number {
-        /// The camera: `color` or `range`.
-        camera: &'static str,
-        /// The key of the number.
-        key: &'static str,
-        /// The value in the file, as JSON.
-        value: String,
-        /// The kind of number expected.
-        wanted: &'static str,
-    },
-    /// A matrix is not the intrinsic matrix of a pinhole camera.
-    #[error(
-        "`{key}` is not a pinhole: expected 9 numbers, row by row, as in `[fx, 0, cx, 0, fy, cy, 0, 0, 1]`, or column by column, as in `[fx, 0, 0, 0, fy, 0, cx, cy, 1]`"
-    )]
-    Intrinsics {
-        /// The key of the matrix.
-        key: &'static str,
-    },
-    /// The scale of a depth map is not a number greater than 0.
-    #[error("`{key}` is {value}: expected a number greater than 0")]
-    DepthScale {
-        /// The key of the scale.
-        key: &'static str,
-        /// The value in the file, as JSON.
-        value: String,
-    },
-    /// The pose is not a rigid motion.
-    #[error(
-        "`world_from_camera_mm` is not a rigid motion: expected 4 rows of 4 numbers, a rotation and a translation"
-    )]
-    Pose,
-}
-
 /// Reads a camera file: a JSON object with `color` (or `colour`) and `range`, each with the pinhole parameters `fx fy cx cy` and optionally
 /// `width` and `height`. Optional are also `units` and `world_from_camera_mm`, a rigid motion as 4 rows of 4 numbers. A pinhole at the top
 /// level or in `camera` is used for both cameras; a file with only `range` has no color camera. For depth maps, `depth_png.units_per_mm` or
@@ -137,9 +84,11 @@ pub enum CameraError {
 /// warning; other keys are ignored.
 ///
 /// Returns an error if the bytes are not JSON, a pinhole is missing, or a number is invalid.
-pub fn read(bytes: &[u8]) -> Result<CameraFile, CameraError> {
-    let file: Value = serde_json::from_slice(bytes)
-        .map_err(|error| CameraError::NotJson { line: error.line(), column: error.column() })?;
+pub fn read(bytes: &[u8]) -> Result<CameraFile, Error> {
+    let file: Value = serde_json::from_slice(bytes).map_err(|error| {
+        let (line, column) = (error.line(), error.column());
+        Error::new(format!("line {line}, column {column}: the file is not JSON"))
+    })?;
     let both = file.get("camera").unwrap_or(&file);
     let range = file.get("range");
     let color = file.get("color").or_else(|| file.get("colour"));
@@ -217,48 +166,42 @@ fn numbers(value: &Value) -> Vec<f64> {
     }
 }
 
-fn depth_scale(file: &Value) -> Result<Option<f64>, CameraError> {
+fn depth_scale(file: &Value) -> Result<Option<f64>, Error> {
     let per_mm = file.get("depth_png").and_then(|depth| depth.get("units_per_mm"));
     let per_mm = per_mm.map(|value| ("depth_png.units_per_mm", value, 1.0));
     let per_meter = file.get("depth_units_per_metre");
     let per_meter = per_meter.map(|value| ("depth_units_per_metre", value, 1000.0));
     let Some((key, value, unit)) = per_mm.or(per_meter) else { return Ok(None) };
-    let scale = value.as_f64().filter(|&scale| scale > 0.0);
-    scale
-        .map(|scale| Some(scale / unit))
-        .ok_or_else(|| CameraError::DepthScale { key, value: value.to_string() })
+    let Some(scale) = value.as_f64().filter(|&scale| scale > 0.0) else {
+        bail!("`{key}` is {value}: expected a number greater than 0");
+    };
+    Ok(Some(scale / unit))
 }
 
-fn view(camera: &Value, name: &'static str) -> Result<View, CameraError> {
-    fn number_error(
-        key: &'static str,
-        value: &Value,
-        wanted: &'static str,
-        name: &'static str,
-    ) -> CameraError {
-        let value = value.to_string();
-        CameraError::Number { camera: name, key, value, wanted }
+fn view(camera: &Value, name: &str) -> Result<View, Error> {
+    fn number_error(key: &str, value: &Value, wanted: &str, name: &str) -> Error {
+        Error::new(format!("`{name}.{key}` is {value}: expected {wanted}"))
     }
     let intrinsics = intrinsics(camera)?;
     // NeRF uses other names for the focal length and the size.
     fn find(from: &Value, key: &str, other: &str) -> Option<Value> {
         from.get(key).or_else(|| from.get(other)).cloned()
     }
-    let number = |key: &'static str| match find(
+    let number = |key: &str| match find(
         intrinsics.as_ref().unwrap_or(camera),
         key,
         &key.replace('f', "fl_"),
     )
     .as_ref()
     {
-        None => Err(CameraError::NoPinhole { camera: name, key }),
+        None => bail!("the {name} camera has no `{key}`"),
         Some(value) => value.as_f64().ok_or_else(|| number_error(key, value, "a number", name)),
     };
     let focal = |key| match number(key)? {
         length if length > 0.0 => Ok(length),
         length => Err(number_error(key, &length.into(), "a number greater than 0", name)),
     };
-    let size = |key: &'static str| match find(camera, key, &key[..1]).as_ref() {
+    let size = |key: &str| match find(camera, key, &key[..1]).as_ref() {
         None => Ok(None),
         Some(value) => match value.as_u64().and_then(|size| usize::try_from(size).ok()) {
             Some(size) => Ok(Some(size)),
@@ -272,14 +215,16 @@ fn view(camera: &Value, name: &'static str) -> Result<View, CameraError> {
 }
 
 /// Converts a pinhole given as a matrix, by rows or by columns, to the keys `fx fy cx cy`. Returns `None` if the camera has no matrix.
-fn intrinsics(camera: &Value) -> Result<Option<Value>, CameraError> {
+fn intrinsics(camera: &Value) -> Result<Option<Value>, Error> {
     let found = MATRICES.iter().find_map(|key| Some((*key, camera.get(key)?)));
     let Some((key, matrix)) = found else { return Ok(None) };
     let (fx, fy, cx, cy) = match numbers(matrix)[..] {
         [fx, 0.0, 0.0, 0.0, fy, 0.0, cx, cy, 1.0] | [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0] => {
             (fx, fy, cx, cy)
         }
-        _ => return Err(CameraError::Intrinsics { key }),
+        _ => bail!(
+            "`{key}` is not a pinhole: expected 9 numbers, row by row, as in `[fx, 0, cx, 0, fy, cy, 0, 0, 1]`, or column by column, as in `[fx, 0, 0, 0, fy, 0, cx, cy, 1]`"
+        ),
     };
     Ok(Some(serde_json::json!({ "fx": fx, "fy": fy, "cx": cx, "cy": cy })))
 }
@@ -288,11 +233,15 @@ fn intrinsics(camera: &Value) -> Result<Option<Value>, CameraError> {
 /// deviate far more.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
-fn pose(rows: &Value) -> Result<Matrix4<f64>, CameraError> {
-    let rows: [[f64; 4]; 4] =
-        serde_json::from_value(rows.clone()).map_err(|_| CameraError::Pose)?;
-    let pose = Matrix4::from_fn(|row, column| rows[row][column]);
-    if is_rigid(&pose) { Ok(pose) } else { Err(CameraError::Pose) }
+fn pose(rows: &Value) -> Result<Matrix4<f64>, Error> {
+    let rows: Option<[[f64; 4]; 4]> = serde_json::from_value(rows.clone()).ok();
+    let pose = rows.map(|rows| Matrix4::from_fn(|row, column| rows[row][column]));
+    let Some(pose) = pose.filter(is_rigid) else {
+        bail!(
+            "`world_from_camera_mm` is not a rigid motion: expected 4 rows of 4 numbers, a rotation and a translation"
+        );
+    };
+    Ok(pose)
 }
 
 /// Returns true if the matrix is a rigid motion: a rotation followed by a translation.
@@ -331,7 +280,8 @@ mod tests {
 
     #[test]
     fn american_spelling_and_one_pinhole_for_both_are_understood() {
-        assert_eq!(read(FILE.replace("colour", "color").as_bytes()), read(FILE.as_bytes()));
+        let american = read(FILE.replace("colour", "color").as_bytes()).unwrap();
+        assert_eq!(american, read(FILE.as_bytes()).unwrap());
         let one = br#"{"width": 640, "height": 480, "fx": 1, "fy": 2, "cx": 3, "cy": 4}"#;
         let file = read(one).unwrap();
         assert_eq!(file.color, Some(file.range));
@@ -380,7 +330,7 @@ mod tests {
             assert_eq!(view(text), View { pinhole, size: Some([8, 6]) }, "{text}");
         }
         let skewed = read(br#"{"K": [1, 9, 3, 0, 2, 4, 0, 0, 1]}"#);
-        assert_eq!(skewed, Err(CameraError::Intrinsics { key: "K" }));
+        assert!(skewed.unwrap_err().to_string().starts_with("`K` is not a pinhole: "));
     }
 
     #[test]

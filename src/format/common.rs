@@ -2,14 +2,15 @@
 
 use std::fmt;
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::Mesh;
 use maquette_value::parallel::*;
 use nalgebra::Point3;
-use thiserror::Error;
 
 /// A position in a file: a line of a text, or a byte of a binary file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FilePosition {
+pub(crate) enum FilePosition {
     /// A line of a text, counted from 1.
     Line(usize),
     /// A byte of a binary file, counted from 0.
@@ -31,26 +32,9 @@ pub(crate) fn max_memory(bytes: usize) -> usize {
     bytes.saturating_mul(32).max(1 << 30)
 }
 
-/// The error of a coordinate that is too large for single precision, in which most formats store coordinates: it would become infinite.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
-#[error(
-    "{what} {index} is at ({:e}, {:e}, {:e}), but coordinates in this format are at most 3.4e38: scale it or move it to the origin first",
-    position[0], position[1], position[2]
-)]
-pub struct CoordinateOverflow {
-    /// The kind of element that has the coordinate: `vertex`, `cell` or `point`.
-    pub what: &'static str,
-    /// The index of the element, from 0.
-    pub index: usize,
-    /// The position of the element.
-    pub position: [f64; 3],
-}
-
-/// Checks that all coordinates are finite in single precision. NaN is allowed.
-pub(crate) fn check_single(
-    what: &'static str,
-    points: &[Point3<f64>],
-) -> Result<(), CoordinateOverflow> {
+/// Checks that all coordinates are finite in single precision, in which most formats store coordinates. NaN is allowed. `what` names an
+/// element in the message: `vertex`, `cell` or `point`.
+pub(crate) fn check_single(what: &str, points: &[Point3<f64>]) -> Result<(), Error> {
     fn exceeds_single(point: &Point3<f64>) -> bool {
         point.iter().any(|&x| (x as f32).is_infinite())
     }
@@ -59,13 +43,17 @@ pub(crate) fn check_single(
         let is_far = points.iter().fold(false, |is_far, point| is_far | exceeds_single(point));
         is_far.then(|| block * BLOCK + points.iter().position(exceeds_single).unwrap_or_default())
     });
-    first.map_or(Ok(()), |index| {
-        Err(CoordinateOverflow { what, index, position: points[index].coords.into() })
-    })
+    if let Some(index) = first {
+        let [x, y, z] = points[index].into();
+        bail!(
+            "{what} {index} is at ({x:e}, {y:e}, {z:e}), but coordinates in this format are at most 3.4e38: scale it or move it to the origin first"
+        );
+    }
+    Ok(())
 }
 
 /// Performs [`check_single`] for the vertices of a mesh. The vertices are read only if the bounds of the mesh exceed single precision.
-pub(crate) fn check_mesh(mesh: &Mesh) -> Result<(), CoordinateOverflow> {
+pub(crate) fn check_mesh(mesh: &Mesh) -> Result<(), Error> {
     fn is_near(position: Point3<f64>) -> bool {
         position.iter().all(|&x| (x as f32).is_finite())
     }
@@ -131,6 +119,16 @@ pub(crate) fn open_mesh_note(mesh: &Mesh) -> Option<String> {
 pub(crate) fn excerpt(bytes: &[u8]) -> String {
     let start = &bytes[..bytes.len().min(40)];
     start.iter().flat_map(|byte| byte.escape_ascii()).map(char::from).collect()
+}
+
+/// Returns the error that a word is not a number.
+pub(crate) fn not_a_number(line: usize, word: &[u8]) -> Error {
+    Error::new(format!("line {line}: `{}` is not a number", excerpt(word)))
+}
+
+/// Returns the error that a line has too many or too few numbers.
+pub(crate) fn count_error(line: usize, expected: impl fmt::Display, found: usize) -> Error {
+    Error::new(format!("line {line}: expected {expected} numbers, found {found}"))
 }
 
 /// Parses a number; returns `None` if the text is not a number.

@@ -6,40 +6,34 @@
 //! All formats are read through `ImageDecoder` with the limit `max_memory`.
 
 use std::error::Error as _;
+use std::fmt::Display;
 use std::io::ErrorKind;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use ::image::error::{ImageError, LimitErrorKind};
 use ::image::{DynamicImage, ImageDecoder, Limits};
+
+use maquette_syntax::error::Error;
 use maquette_value::parallel::*;
 use maquette_value::{Image, srgb_from_linear};
-use thiserror::Error;
 
 use super::max_memory;
 
-/// Error of decoding a picture.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum DecodeError {
-    /// The file is damaged or of another format.
-    #[error("this is not a readable {format} file: {reason}")]
-    Broken {
-        /// The name of the expected format.
-        format: &'static str,
-        /// The error message of the decoder.
-        reason: String,
-    },
-    /// The picture would take too much memory.
-    #[error(
+/// Returns the error that a file is damaged or of another format. `reason` is the message of the decoder.
+pub(super) fn unreadable(format: &str, reason: impl Display) -> Error {
+    Error::new(format!("this is not a readable {format} file: {reason}"))
+}
+
+/// Returns the error that a picture would take more than `limit` bytes of memory.
+pub(super) fn too_large(width: u32, height: u32, limit: usize) -> Error {
+    Error::new(format!(
         "{width} x {height} pixels would take more than {limit} bytes of memory: make the picture smaller"
-    )]
-    TooLarge {
-        /// The picture's width.
-        width: u32,
-        /// The picture's height.
-        height: u32,
-        /// The maximum memory, in bytes.
-        limit: usize,
-    },
+    ))
+}
+
+/// Returns the error that the header states more pixels than a file of `bytes` bytes can contain.
+pub(super) fn too_short(width: u32, height: u32, bytes: usize) -> Error {
+    Error::new(format!("{width} x {height} pixels do not fit in the {bytes} bytes of the file"))
 }
 
 /// A file to be decoded.
@@ -59,35 +53,31 @@ impl File<'_> {
         limits
     }
 
-    /// Converts an error of `image`. The prefix by which `image` names the format is removed, because `DecodeError` names it, too.
-    fn decode_error(&self, error: &ImageError) -> DecodeError {
+    /// Converts an error of `image`. The prefix by which `image` names the format is removed, because [`unreadable`] names it, too.
+    fn decode_error(&self, error: &ImageError) -> Error {
         if matches!(error, ImageError::IoError(error) if error.kind() == ErrorKind::UnexpectedEof) {
-            return self.broken_file("it ends too early");
+            return unreadable(self.format, "it ends too early");
         }
         match error.source() {
-            Some(reason) => self.broken_file(reason),
-            None => self.broken_file(error),
+            Some(reason) => unreadable(self.format, reason),
+            None => unreadable(self.format, error),
         }
-    }
-
-    fn broken_file(&self, reason: impl ToString) -> DecodeError {
-        DecodeError::Broken { format: self.format, reason: reason.to_string() }
     }
 
     /// Decodes the picture if `check` accepts its size.
-    pub(super) fn picture<D: ImageDecoder, E: From<DecodeError>>(
+    pub(super) fn picture<D: ImageDecoder>(
         &self,
         open: impl FnOnce() -> Result<D, ImageError>,
-        check: impl FnOnce(u32, u32) -> Result<(), E>,
-    ) -> Result<Image, E> {
+        check: impl FnOnce(u32, u32) -> Result<(), Error>,
+    ) -> Result<Image, Error> {
         // A panic in a third-party decoder is reported as a damaged file; the decoder is not used any more.
-        let panicked = |_| self.broken_file("the decoder panicked");
+        let panicked = |_| unreadable(self.format, "the decoder panicked");
         let decoder = catch_unwind(AssertUnwindSafe(open)).map_err(panicked)?;
         let mut decoder = decoder.map_err(|error| self.decode_error(&error))?;
         let (width, height) = decoder.dimensions();
         check(width, height)?;
         let limit = max_memory(self.bytes.len());
-        let too_large = || DecodeError::TooLarge { width, height, limit };
+        let too_large = || too_large(width, height, limit);
         let mut limits = self.limits();
         // The resulting picture has three bytes per pixel.
         let ours = 3 * u64::from(width) * u64::from(height);
@@ -106,9 +96,9 @@ impl File<'_> {
             }
             found => self.decode_error(&found),
         })?;
-        let pixels =
-            eight_bits(decoded).ok_or_else(|| self.broken_file("an unknown kind of pixels"))?;
-        Ok(Image::new(width as usize, height as usize, pixels).map_err(|e| self.broken_file(e))?)
+        let pixels = eight_bits(decoded)
+            .ok_or_else(|| unreadable(self.format, "an unknown kind of pixels"))?;
+        Image::new(width as usize, height as usize, pixels).map_err(|e| unreadable(self.format, e))
     }
 }
 

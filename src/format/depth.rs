@@ -2,10 +2,10 @@
 //! points. They are written as PNG with a camera file.
 
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_syntax::error;
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::{Pinhole, RangeImage};
 use serde_json::json;
-use thiserror::Error;
 
 use super::camera::CameraFile;
 use super::picture_kind::Kind;
@@ -16,37 +16,6 @@ use super::{excerpt, exr, json, png, tiff};
 /// The memory per pixel of a depth map, in bytes: for its sample, its depth and its point.
 pub(super) const BYTES_PER_PIXEL: usize = 36;
 
-/// Error of reading a depth map.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum DepthError {
-    /// The camera of the depth map is not known.
-    #[error("a depth map needs a camera file: add one beside it")]
-    NoCamera,
-    /// The camera file belongs to a picture of another size.
-    #[error("the camera file is for a range grid of {expected:?}, but the depth map has {found:?}")]
-    Size {
-        /// The width and height in the camera file.
-        expected: [usize; 2],
-        /// The width and height of the depth map.
-        found: [usize; 2],
-    },
-    /// The PNG file is damaged or not a depth map.
-    #[error(transparent)]
-    Png(#[from] png::PngError),
-    /// The TIFF file is damaged or not a depth map.
-    #[error(transparent)]
-    Tiff(#[from] tiff::TiffError),
-    /// The OpenEXR file is damaged or has no depths.
-    #[error(transparent)]
-    Exr(#[from] exr::ExrError),
-    /// The file has an unknown format.
-    #[error("byte 0: expected a PNG, TIFF or OpenEXR file, found `{text}`")]
-    Unknown {
-        /// The first bytes of the file.
-        text: String,
-    },
-}
-
 /// Reads a depth map and converts it to points by the pinhole of the range camera. A depth that is 0, negative, not finite or equal to
 /// `depth_png.invalid` is a hole.
 ///
@@ -54,7 +23,7 @@ pub enum DepthError {
 /// states; without this number the unit is unknown. Floats are in whole units and are not scaled.
 ///
 /// Returns an error if the bytes are not a depth map, or its camera is missing or belongs to another size.
-pub fn read(bytes: &[u8], camera: Option<&CameraFile>) -> Result<RangeFile, DepthError> {
+pub fn read(bytes: &[u8], camera: Option<&CameraFile>) -> Result<RangeFile, Error> {
     let Depths { width, height, depths, is_integer } = match Kind::detect(bytes) {
         Some(Kind::Png) => {
             let (width, height, depths) = png::read_depth(bytes)?;
@@ -63,12 +32,19 @@ pub fn read(bytes: &[u8], camera: Option<&CameraFile>) -> Result<RangeFile, Dept
         }
         Some(Kind::Tiff) => tiff::read_depth(bytes)?,
         Some(Kind::Exr) => exr::read_depth(bytes)?,
-        _ => return Err(DepthError::Unknown { text: excerpt(&bytes[..bytes.len().min(8)]) }),
+        _ => bail!(
+            "byte 0: expected a PNG, TIFF or OpenEXR file, found `{}`",
+            excerpt(&bytes[..bytes.len().min(8)])
+        ),
     };
-    let camera = camera.ok_or(DepthError::NoCamera)?;
+    let Some(camera) = camera else {
+        bail!("a depth map needs a camera file: add one beside it");
+    };
     let found = [width, height];
     if let Some(expected) = camera.range.size.filter(|&expected| expected != found) {
-        return Err(DepthError::Size { expected, found });
+        bail!(
+            "the camera file is for a range grid of {expected:?}, but the depth map has {found:?}"
+        );
     }
     let unit = camera.depth_per_mm.filter(|_| is_integer).map(|steps| 1.0 / steps);
     let pinhole = camera.range.pinhole;
@@ -87,50 +63,6 @@ pub fn read(bytes: &[u8], camera: Option<&CameraFile>) -> Result<RangeFile, Dept
     Ok(RangeFile { range, unit, axes: Some(Axes::Camera), rows: Rows::TopFirst, notes })
 }
 
-/// Error of writing a range image as a depth map.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum NoDepthMap {
-    /// The camera of the range grid is not known.
-    #[error(
-        "a depth map needs the camera of the range grid, which is not known: write it as PCD or PLY"
-    )]
-    NoCamera,
-    /// A point is not in front of the camera.
-    #[error("the point of cell ({column}, {row}) is not in front of the camera: z is {depth}")]
-    Behind {
-        /// The column of the point's cell.
-        column: usize,
-        /// The row of the point's cell.
-        row: usize,
-        /// The depth of the point, in mm.
-        depth: f64,
-    },
-    /// Some points are not on the rays of their cells.
-    #[error(
-        "{count} points are not on the rays of their cells, at most {cells:.2} cells off at cell ({column}, {row}): write PCD or PLY instead"
-    )]
-    OffRay {
-        /// The number of points that are not on their rays.
-        count: usize,
-        /// The column of the point that is farthest from its ray.
-        column: usize,
-        /// The row of this point.
-        row: usize,
-        /// The distance of this point from its ray, in cells.
-        cells: f64,
-    },
-    /// The ratio of the depths is too large for 16 bits.
-    #[error(
-        "depths from {nearest} to {farthest} mm do not fit in 16 bits: write PCD or PLY instead"
-    )]
-    Span {
-        /// The minimum depth, in mm.
-        nearest: f64,
-        /// The maximum depth, in mm.
-        farthest: f64,
-    },
-}
-
 /// The maximum distance of a point from its ray, in cells. Rounding to single precision moves a point by 1e-4 cells; an edited point is off
 /// by far more.
 const OFF_RAY: f64 = 0.01;
@@ -145,15 +77,21 @@ impl FileFormat for RangeDepthPng {
     type Value = RangeImage;
     const EXTENSION: &'static str = "png";
 
-    fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, error::Error> {
-        let pinhole = range.camera().ok_or(NoDepthMap::NoCamera)?;
+    fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, Error> {
+        let Some(pinhole) = range.camera() else {
+            bail!(
+                "a depth map needs the camera of the range grid, which is not known: write it as PCD or PLY"
+            );
+        };
         check_rays(range, pinhole)?;
         let depths = range.points().iter().map(|point| point.z).filter(|z| !z.is_nan());
         let farthest = depths.clone().fold(0.0, f64::max);
         let nearest = depths.fold(f64::INFINITY, f64::min);
         let per_mm = steps_per_mm(farthest);
         if (nearest * per_mm).round() < 1.0 {
-            return Err(NoDepthMap::Span { nearest, farthest }.into());
+            bail!(
+                "depths from {nearest} to {farthest} mm do not fit in 16 bits: write PCD or PLY instead"
+            );
         }
         // The cast converts a NaN to 0, which is a hole.
         let steps = range.points().iter().map(|point| (point.z * per_mm).round() as u16);
@@ -169,7 +107,7 @@ impl FileFormat for RangeDepthPng {
 }
 
 /// Checks that all points are in front of the camera and on the rays of their cells.
-fn check_rays(range: &RangeImage, pinhole: &Pinhole) -> Result<(), NoDepthMap> {
+fn check_rays(range: &RangeImage, pinhole: &Pinhole) -> Result<(), Error> {
     fn grid_position(cell: usize, range: &RangeImage) -> (usize, usize) {
         (cell % range.width(), cell / range.width())
     }
@@ -177,7 +115,8 @@ fn check_rays(range: &RangeImage, pinhole: &Pinhole) -> Result<(), NoDepthMap> {
     for (cell, point) in range.points().iter().enumerate().filter(|(_, point)| !point.z.is_nan()) {
         let (column, row) = grid_position(cell, range);
         if point.z <= 0.0 {
-            return Err(NoDepthMap::Behind { column, row, depth: point.z });
+            let z = point.z;
+            bail!("the point of cell ({column}, {row}) is not in front of the camera: z is {z}");
         }
         let [x, y] = pinhole.project(*point);
         let off = (x - column as f64).abs().max((y - row as f64).abs());
@@ -189,7 +128,12 @@ fn check_rays(range: &RangeImage, pinhole: &Pinhole) -> Result<(), NoDepthMap> {
         }
     }
     let (cells, (column, row)) = (farthest.0, grid_position(farthest.1, range));
-    if count == 0 { Ok(()) } else { Err(NoDepthMap::OffRay { count, column, row, cells }) }
+    if count > 0 {
+        bail!(
+            "{count} points are not on the rays of their cells, at most {cells:.2} cells off at cell ({column}, {row}): write PCD or PLY instead"
+        );
+    }
+    Ok(())
 }
 
 /// Returns the number of depth steps per mm: the largest number of the form 1, 2 or 5 times a power of 10 whose product with `farthest`
@@ -263,13 +207,17 @@ mod tests {
 
     #[test]
     fn a_depth_map_needs_a_camera_of_its_size() {
-        assert_eq!(read(PNG, None).unwrap_err(), DepthError::NoCamera);
+        let no_camera = read(PNG, None).unwrap_err().to_string();
+        assert_eq!(no_camera, "a depth map needs a camera file: add one beside it");
         let camera = br#"{"width": 9, "height": 6, "fx": 10, "fy": 10, "cx": 3.5, "cy": 2.5}"#;
         let camera = camera::read(camera).unwrap();
         let expected =
             "the camera file is for a range grid of [9, 6], but the depth map has [8, 6]";
         assert_eq!(read(PNG, Some(&camera)).unwrap_err().to_string(), expected);
-        assert!(matches!(read(b"P5", Some(&camera)), Err(DepthError::Unknown { .. })));
+        assert_eq!(
+            read(b"P5", Some(&camera)).unwrap_err().to_string(),
+            "byte 0: expected a PNG, TIFF or OpenEXR file, found `P5`"
+        );
     }
 
     /// Creates a slope seen by a pinhole camera, with a hole.
@@ -342,25 +290,33 @@ mod tests {
 
     #[test]
     fn ranges_that_a_depth_map_cannot_hold_give_errors() {
-        fn error(range: &RangeImage) -> NoDepthMap {
-            let error = RangeDepthPng::write(range, "a.png").unwrap_err();
-            error.downcast::<NoDepthMap>().cloned().unwrap()
+        fn error(range: &RangeImage) -> String {
+            RangeDepthPng::write(range, "a.png").unwrap_err().to_string()
         }
         fn slope_with_moved_point(cell: usize, by: [f64; 3]) -> RangeImage {
             let mut points = slope().points().to_vec();
             points[cell] += nalgebra::Vector3::from(by);
             slope().with_points(points).unwrap()
         }
-        assert_eq!(error(&slope().with_camera(None)), NoDepthMap::NoCamera);
-        let behind = NoDepthMap::Behind { column: 2, row: 1, depth: -363.0 };
-        assert_eq!(error(&slope_with_moved_point(10, [0.0, 0.0, -1000.0])), behind);
-        let off = error(&slope_with_moved_point(10, [1.0, 0.0, 0.0]));
-        let expected = "1 points are not on the rays of their cells, at most 0.14 cells off at cell (2, 1): write PCD or PLY instead";
-        assert_eq!(off.to_string(), expected);
+        assert_eq!(
+            error(&slope().with_camera(None)),
+            "a depth map needs the camera of the range grid, which is not known: write it as PCD or PLY"
+        );
+        assert_eq!(
+            error(&slope_with_moved_point(10, [0.0, 0.0, -1000.0])),
+            "the point of cell (2, 1) is not in front of the camera: z is -363"
+        );
+        assert_eq!(
+            error(&slope_with_moved_point(10, [1.0, 0.0, 0.0])),
+            "1 points are not on the rays of their cells, at most 0.14 cells off at cell (2, 1): write PCD or PLY instead"
+        );
         let pinhole = Pinhole { focal: [1.0; 2], center: [0.0; 2] };
         let points = vec![Point3::new(0.0, 0.0, 1e-3), Point3::new(1e3, 0.0, 1e3)];
         let deep = RangeImage::new(2, 1, points).unwrap().with_camera(Some(pinhole));
-        assert_eq!(error(&deep), NoDepthMap::Span { nearest: 1e-3, farthest: 1e3 });
+        assert_eq!(
+            error(&deep),
+            "depths from 0.001 to 1000 mm do not fit in 16 bits: write PCD or PLY instead"
+        );
         let nothing = RangeImage::new(2, 1, vec![Point3::new(f64::NAN, 0.0, 0.0); 2]).unwrap();
         assert!(RangeDepthPng::write(&nothing.with_camera(Some(pinhole)), "a.png").is_ok());
     }

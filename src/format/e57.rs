@@ -9,96 +9,12 @@ use e57::{
     Transform,
 };
 use maquette_node::importers::{FileReader, InputFile};
-use maquette_syntax::error;
-use maquette_value::{Attribute, Points, PointsError, Rgb};
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
+use maquette_value::{Attribute, Points, Rgb};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
-use thiserror::Error;
 
 use super::{MAX_NAMESPACES, finite, has_many_namespaces, max_memory};
-
-/// Error of reading points from an E57 file.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum E57Error {
-    /// The crate `e57` rejects the file.
-    #[error("{what}: if another program can read the file, export it again from there")]
-    Broken {
-        /// The error message of the crate.
-        what: String,
-    },
-    /// The XML description is longer than the file.
-    #[error(
-        "the description should have {expected} bytes, but the file has {found}: it is truncated, copy it again"
-    )]
-    Description {
-        /// The length of the description that the header states, in bytes.
-        expected: u64,
-        /// The length of the file, in bytes.
-        found: usize,
-    },
-    /// The XML description has so many namespaces that it would take too much memory.
-    #[error("the description declares more than {MAX_NAMESPACES} namespaces")]
-    Namespaces,
-    /// The file is too short for the points that its description states.
-    #[error(
-        "the {scans} scans should have {points} points in {expected} bytes, but the file has {found} bytes: it is truncated, copy it again"
-    )]
-    CutOff {
-        /// The number of scans in the file.
-        scans: usize,
-        /// The number of points in all scans.
-        points: u128,
-        /// The minimum number of bytes that these points take.
-        expected: u128,
-        /// The length of the file, in bytes.
-        found: usize,
-    },
-    /// The points would take too much memory.
-    #[error(
-        "{points} points would take more than {limit} bytes of memory: thin them before the export"
-    )]
-    TooManyPoints {
-        /// The number of points in all scans.
-        points: u128,
-        /// The maximum memory, in bytes.
-        limit: usize,
-    },
-    /// The points have no field whose values can vary, or too many fields.
-    #[error(
-        "the points of scan {scan} have {fields} fields, of which {varying} can vary: \
-         expected at most {MAX_FIELDS} fields, and at least one that can vary"
-    )]
-    Fields {
-        /// The index of the scan, from 0.
-        scan: usize,
-        /// The number of fields of a point.
-        fields: usize,
-        /// The number of fields with more than one possible value.
-        varying: usize,
-    },
-    /// The quaternion of a pose is not a unit quaternion.
-    #[error("the pose of scan {scan} has the quaternion {rotation:?}, whose length is not 1")]
-    Pose {
-        /// The index of the scan, from 0.
-        scan: usize,
-        /// The quaternion of the pose, real part first.
-        rotation: [f64; 4],
-    },
-    /// The file has no valid point.
-    #[error("the {scans} scans have no valid points")]
-    Empty {
-        /// The number of scans in the file.
-        scans: usize,
-    },
-    /// The points are not valid as [`Points`].
-    #[error(transparent)]
-    Points(#[from] PointsError),
-}
-
-impl From<e57::Error> for E57Error {
-    fn from(error: e57::Error) -> Self {
-        Self::Broken { what: error.to_string() }
-    }
-}
 
 /// The maximum number of fields of a point; the standard defines 20 fields.
 const MAX_FIELDS: usize = 64;
@@ -112,23 +28,26 @@ const DESCRIPTION: std::ops::Range<usize> = 32..40;
 /// own units, which is 0 for scans without intensities. Points with NaN or infinite coordinates are left out.
 ///
 /// Returns an error if the bytes are not an E57 file, a checksum is wrong, or the file is too short for its points.
-pub fn read(bytes: &[u8]) -> Result<Points, E57Error> {
+pub fn read(bytes: &[u8]) -> Result<Points, Error> {
     Ok(read_finite(bytes)?.0)
 }
 
 /// Reads the points. Also returns the number of points that are left out because a coordinate is NaN or infinite.
-fn read_finite(bytes: &[u8]) -> Result<(Points, usize), E57Error> {
+fn read_finite(bytes: &[u8]) -> Result<(Points, usize), Error> {
     // The crate reserves memory for the stated length of the description before it reads the description.
     if let Some(length) = bytes.get(DESCRIPTION).and_then(<[u8]>::first_chunk) {
         let expected = u64::from_le_bytes(*length);
         if expected > bytes.len() as u64 {
-            return Err(E57Error::Description { expected, found: bytes.len() });
+            let found = bytes.len();
+            bail!(
+                "the description should have {expected} bytes, but the file has {found}: it is truncated, copy it again"
+            );
         }
     }
-    if has_many_namespaces(&E57Reader::raw_xml(Cursor::new(bytes))?) {
-        return Err(E57Error::Namespaces);
+    if has_many_namespaces(&E57Reader::raw_xml(Cursor::new(bytes)).map_err(broken_file)?) {
+        bail!("the description declares more than {MAX_NAMESPACES} namespaces");
     }
-    let mut file = E57Reader::new(Cursor::new(bytes))?;
+    let mut file = E57Reader::new(Cursor::new(bytes)).map_err(broken_file)?;
     let scans = file.pointclouds();
     check(&scans, bytes.len())?;
     let has_colors = scans.iter().any(PointCloud::has_color);
@@ -139,7 +58,7 @@ fn read_finite(bytes: &[u8]) -> Result<(Points, usize), E57Error> {
     let mut left_out = 0;
     for (index, scan) in scans.iter().enumerate().filter(|(_, scan)| scan.records > 0) {
         let pose = pose(index, scan.transform.clone().unwrap_or_default())?;
-        let mut points = file.pointcloud_simple(scan)?;
+        let mut points = file.pointcloud_simple(scan).map_err(broken_file)?;
         // Spherical coordinates are converted here, because the crate would use the system's sine function, which differs between machines.
         points.spherical_to_cartesian(false);
         points.apply_pose(false);
@@ -151,7 +70,7 @@ fn read_finite(bytes: &[u8]) -> Result<(Points, usize), E57Error> {
                 // The crate reports a packet that completes no point as an internal error. Either the next packet completes the point, or
                 // the file ends, which is reported as another error.
                 Err(e57::Error::Internal { .. }) => continue,
-                Err(error) => return Err(error.into()),
+                Err(error) => return Err(broken_file(error)),
             };
             let Some(position) = cartesian_position(&point) else { continue };
             if !position.iter().all(|x| x.is_finite()) {
@@ -172,7 +91,7 @@ fn read_finite(bytes: &[u8]) -> Result<(Points, usize), E57Error> {
         }
     }
     if positions.is_empty() {
-        return Err(E57Error::Empty { scans: scans.len() });
+        bail!("the {} scans have no valid points", scans.len());
     }
     let mut points = Points::new(positions)?;
     if has_colors {
@@ -184,8 +103,13 @@ fn read_finite(bytes: &[u8]) -> Result<(Points, usize), E57Error> {
     Ok((points, left_out))
 }
 
+/// Converts an error of the crate `e57`.
+fn broken_file(error: e57::Error) -> Error {
+    Error::new(format!("{error}: if another program can read the file, export it again from there"))
+}
+
 /// Checks that the file is long enough for its points, and that they fit in memory. The crate would trust the stated counts.
-fn check(scans: &[PointCloud], found: usize) -> Result<(), E57Error> {
+fn check(scans: &[PointCloud], found: usize) -> Result<(), Error> {
     let (mut points, mut bits) = (0, 0);
     for (scan, cloud) in scans.iter().enumerate().filter(|(_, cloud)| cloud.records > 0) {
         let fields = cloud.prototype.len();
@@ -193,19 +117,27 @@ fn check(scans: &[PointCloud], found: usize) -> Result<(), E57Error> {
         let varying = sizes.clone().filter(|&size| size > 0).count();
         // If no field could vary, points would take no bytes, and the crate would return points forever.
         if varying == 0 || fields > MAX_FIELDS {
-            return Err(E57Error::Fields { scan, fields, varying });
+            bail!(
+                "the points of scan {scan} have {fields} fields, of which {varying} can vary: \
+                 expected at most {MAX_FIELDS} fields, and at least one that can vary"
+            );
         }
         points += u128::from(cloud.records);
         bits += u128::from(cloud.records) * u128::from(sizes.sum::<u32>());
     }
     let expected = bits.div_ceil(8);
     if expected > found as u128 {
-        return Err(E57Error::CutOff { scans: scans.len(), points, expected, found });
+        bail!(
+            "the {} scans should have {points} points in {expected} bytes, but the file has {found} bytes: it is truncated, copy it again",
+            scans.len()
+        );
     }
     let limit = max_memory(found);
     let each = size_of::<Point3<f64>>() + size_of::<f64>() + size_of::<Rgb>();
     if points * each as u128 > limit as u128 {
-        return Err(E57Error::TooManyPoints { points, limit });
+        bail!(
+            "{points} points would take more than {limit} bytes of memory: thin them before the export"
+        );
     }
     Ok(())
 }
@@ -222,11 +154,12 @@ fn field_bits(field: &RecordDataType) -> u32 {
 }
 
 /// Returns the transformation from a scan's coordinates to those of the file.
-fn pose(scan: usize, pose: Transform) -> Result<Isometry3<f64>, E57Error> {
+fn pose(scan: usize, pose: Transform) -> Result<Isometry3<f64>, Error> {
     let e57::Quaternion { w, x, y, z } = pose.rotation;
     let quaternion = Quaternion::new(w, x, y, z);
     if !(0.999..1.001).contains(&quaternion.norm()) {
-        return Err(E57Error::Pose { scan, rotation: [w, x, y, z] });
+        let rotation = [w, x, y, z];
+        bail!("the pose of scan {scan} has the quaternion {rotation:?}, whose length is not 1");
     }
     let e57::Translation { x, y, z } = pose.translation;
     let rotation = UnitQuaternion::from_quaternion(quaternion);
@@ -253,7 +186,7 @@ impl FileReader for PointsE57 {
     const EXTENSIONS: &'static [&'static str] = &["e57"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
-    fn read(file: &InputFile<'_>) -> Result<Points, error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         let (points, left_out) = read_finite(file.bytes())?;
         finite::warn_left_out(file, left_out, "point");
         Ok(points)
@@ -321,8 +254,10 @@ mod tests {
         scans[0].prototype[0].data_type = RecordDataType::Integer { min: -1, max: 0 };
         scans[0].records = 1 << 29;
         let bytes = (1 << 26) + 64;
-        let message = check(&scans, bytes).unwrap_err();
-        assert_eq!(message, E57Error::TooManyPoints { points: (1 << 29) + 1, limit: 32 * bytes });
+        assert_eq!(
+            check(&scans, bytes).unwrap_err().to_string(),
+            "536870913 points would take more than 2147485696 bytes of memory: thin them before the export"
+        );
     }
 
     #[test]
@@ -334,7 +269,10 @@ mod tests {
         );
         let mut file = SCANS.to_vec();
         file[DESCRIPTION].fill(255);
-        assert!(matches!(read(&file), Err(E57Error::Description { found: 7168, .. })));
+        assert_eq!(
+            read(&file).unwrap_err().to_string(),
+            "the description should have 18446744073709551615 bytes, but the file has 7168: it is truncated, copy it again"
+        );
         let mut file = SCANS.to_vec();
         file[5000] ^= 1;
         let message = read(&file).unwrap_err().to_string();
@@ -359,7 +297,8 @@ mod tests {
             })
             .unwrap();
         drop(writer);
-        assert_eq!(read(&file.into_inner()), Err(E57Error::Namespaces));
+        let error = read(&file.into_inner()).unwrap_err().to_string();
+        assert_eq!(error, "the description declares more than 256 namespaces");
     }
 
     #[test]

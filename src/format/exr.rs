@@ -7,42 +7,15 @@ use std::io::Cursor;
 use ::exr::error::Error as Broken;
 use ::exr::meta::MetaData;
 use ::exr::prelude::{ReadChannels as _, ReadLayers as _, read};
-use thiserror::Error;
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 
+use super::decoder::unreadable;
 use super::tiff::Depths;
 use super::{depth, max_memory};
 
-/// Error of reading a depth map from an OpenEXR file.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum ExrError {
-    /// The file is damaged or of another format.
-    #[error("this is not a readable OpenEXR file: {reason}")]
-    Broken {
-        /// The error message of the decoder.
-        reason: String,
-    },
-    /// The file has no channel of depths.
-    #[error("expected a channel Z, V, Y or depth, or a single channel; found the channels {}", channels.join(", "))]
-    NoDepth {
-        /// The names of the channels in the file's first layer.
-        channels: Vec<String>,
-    },
-    /// The depth map would take too much memory.
-    #[error(
-        "{width} x {height} pixels would take more than {limit} bytes of memory: make the map smaller"
-    )]
-    TooLarge {
-        /// The map's width.
-        width: usize,
-        /// The map's height.
-        height: usize,
-        /// The maximum memory, in bytes.
-        limit: usize,
-    },
-}
-
-fn broken_file(error: Broken) -> ExrError {
-    ExrError::Broken { reason: error.to_string() }
+fn broken_file(error: Broken) -> Error {
+    unreadable("OpenEXR", error)
 }
 
 /// Depths of at least this value are background: renderers write 1e10 for the background, and half floats end at 65504.
@@ -52,7 +25,7 @@ const FARTHEST: f32 = 65_000.0;
 /// least [`FARTHEST`], are holes.
 ///
 /// Returns an error if the bytes are not an OpenEXR file, no channel has depths, or the depths take too much memory.
-pub(super) fn read_depth(bytes: &[u8]) -> Result<Depths, ExrError> {
+pub(super) fn read_depth(bytes: &[u8]) -> Result<Depths, Error> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken_file)?;
     let limit = max_memory(bytes.len());
     for header in &meta.headers {
@@ -60,7 +33,9 @@ pub(super) fn read_depth(bytes: &[u8]) -> Result<Depths, ExrError> {
         let (width, height) = (header.layer_size.width(), header.layer_size.height());
         let per_pixel = depth::BYTES_PER_PIXEL + 4 * header.channels.list.len();
         if limit / per_pixel < width.saturating_mul(height) {
-            return Err(ExrError::TooLarge { width, height, limit });
+            bail!(
+                "{width} x {height} pixels would take more than {limit} bytes of memory: make the map smaller"
+            );
         }
     }
     let image = read().no_deep_data().largest_resolution_level().all_channels().all_layers();
@@ -79,8 +54,12 @@ pub(super) fn read_depth(bytes: &[u8]) -> Result<Depths, ExrError> {
     });
     let only = (channels.len() == 1).then(|| channels.first()).flatten();
     let Some((size, channel)) = named.or(only) else {
-        let channels = channels.iter().map(|(_, channel)| channel.name.to_string()).collect();
-        return Err(ExrError::NoDepth { channels });
+        let channels: Vec<_> =
+            channels.iter().map(|(_, channel)| channel.name.to_string()).collect();
+        bail!(
+            "expected a channel Z, V, Y or depth, or a single channel; found the channels {}",
+            channels.join(", ")
+        );
     };
     let depths = channel
         .sample_data
@@ -133,14 +112,15 @@ mod tests {
     #[test]
     fn files_without_depths_give_errors() {
         let colors = file(&[("R", [0.0; 6]), ("G", [0.0; 6]), ("B", [0.0; 6])]);
-        let refused = read_depth(&colors).unwrap_err();
         assert_eq!(
-            refused,
-            ExrError::NoDepth { channels: ["B", "G", "R"].map(str::to_owned).into() }
+            read_depth(&colors).unwrap_err().to_string(),
+            "expected a channel Z, V, Y or depth, or a single channel; found the channels B, G, R"
         );
         let bytes = file(&[("Z", DEPTHS)]);
-        assert!(matches!(read_depth(&bytes[..bytes.len() / 2]), Err(ExrError::Broken { .. })));
-        assert!(matches!(read_depth(b"v 0 0 0"), Err(ExrError::Broken { .. })));
+        for file in [&bytes[..bytes.len() / 2], b"v 0 0 0"] {
+            let error = read_depth(file).unwrap_err().to_string();
+            assert!(error.starts_with("this is not a readable OpenEXR file: "), "{error}");
+        }
     }
 
     #[test]

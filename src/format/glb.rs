@@ -11,10 +11,10 @@ use std::iter;
 use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{Content, FileFormat, NewFile};
 use maquette_node::provenance::{Signature, extras_of_glb, pad};
-use maquette_syntax::error;
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::{Attribute, Material, Mesh, MeshError};
 use serde_json::{Value, json};
-use thiserror::Error;
 
 use super::losses;
 use super::rows::{Table, concatenate};
@@ -29,21 +29,12 @@ mod read;
 mod scene;
 
 use buffers::{Buffers, Vertices};
-pub use gltf::GltfError;
+
 pub(crate) use gltf::MeshGltf;
 use material_writer::MaterialWriter;
 pub(crate) use material_writer::{is_extension, vertex_colors_equal_material};
-pub use read::{GlbReadError, read};
+pub use read::read;
 use read::{companions, read_with_notes};
-
-/// Error of writing a mesh as GLB.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub(super) enum GlbError {
-    #[error("a mesh without vertices cannot be written as GLB")]
-    Empty,
-    #[error("{bytes} bytes are more than the 4 GiB of a GLB file")]
-    TooLarge { bytes: usize },
-}
 
 // The following constants are defined by the glTF specification.
 const UNSIGNED_BYTE: u32 = 5121;
@@ -68,14 +59,14 @@ impl FileFormat for MeshGlb {
     const EXTENSION: &'static str = "glb";
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::GLB;
 
-    fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
+    fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         Ok(NewFile::single(name, encode(mesh)?))
     }
 
     fn content<'a>(
         mesh: &'a Mesh,
         signature: Option<&Signature>,
-    ) -> Result<Option<Content<'a>>, error::Error> {
+    ) -> Result<Option<Content<'a>>, Error> {
         content(mesh, signature).map(Some)
     }
 
@@ -90,13 +81,13 @@ impl FileFormat for MeshGlb {
     }
 }
 
-fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
+fn encode(mesh: &Mesh) -> Result<Vec<u8>, Error> {
     Ok(content(mesh, None)?.into_bytes())
 }
 
-fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<'a>, error::Error> {
+fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<'a>, Error> {
     if mesh.positions().is_empty() {
-        return Err(GlbError::Empty.into());
+        bail!("a mesh without vertices cannot be written as GLB");
     }
     check_mesh(mesh)?;
     let mut file = Buffers::default();
@@ -204,7 +195,7 @@ fn parts(mesh: &Mesh) -> Result<Vec<(u32, Cow<'_, Mesh>)>, MeshError> {
 }
 
 /// Packs the document and its buffer into a GLB file.
-fn container(document: &Value, mut buffer: Vec<u8>) -> Result<Vec<u8>, GlbError> {
+fn container(document: &Value, mut buffer: Vec<u8>) -> Result<Vec<u8>, Error> {
     buffer.resize(buffer.len().next_multiple_of(4), 0);
     let mut bytes = head(document.to_string(), buffer.len())?;
     bytes.append(&mut buffer);
@@ -213,11 +204,13 @@ fn container(document: &Value, mut buffer: Vec<u8>) -> Result<Vec<u8>, GlbError>
 
 /// Returns the bytes before the buffer: a header of 12 bytes, a chunk header of 8 bytes, the document padded to a multiple of 4 bytes, and
 /// the chunk header of the buffer. The length of the buffer must be a multiple of 4.
-fn head(document: String, buffer: usize) -> Result<Vec<u8>, GlbError> {
+fn head(document: String, buffer: usize) -> Result<Vec<u8>, Error> {
     let mut text = document.into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
     let size = 12 + 8 + text.len() + 8 + buffer;
-    let total = u32::try_from(size).map_err(|_| GlbError::TooLarge { bytes: size })?;
+    let Ok(total) = u32::try_from(size) else {
+        bail!("{size} bytes are more than the 4 GiB of a GLB file");
+    };
     fn number(number: usize) -> [u8; 4] {
         (number as u32).to_le_bytes()
     }
@@ -231,9 +224,9 @@ impl FileReader for MeshGlb {
     const EXTENSIONS: &'static [&'static str] = &["glb"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::GLB_READ;
 
-    fn read(file: &InputFile<'_>) -> Result<Mesh, error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Mesh, Error> {
         if let Some((document, embedded)) = read::with_linked_buffers(file.bytes()) {
-            return Ok(gltf::read_document(document, embedded, file)?);
+            return gltf::read_document(document, embedded, file);
         }
         let (mesh, notes) = read_with_notes(file.bytes(), &|uri| gltf::content(uri, file))?;
         notes.into_iter().for_each(|note| file.warn(note));
@@ -371,6 +364,7 @@ mod tests {
             Faces::triangles(vec![])
         }
         let empty = Mesh::new(vec![], no_faces()).unwrap();
-        assert_eq!(encode(&empty).unwrap_err().downcast(), Some(&GlbError::Empty));
+        let error = encode(&empty).unwrap_err().to_string();
+        assert_eq!(error, "a mesh without vertices cannot be written as GLB");
     }
 }

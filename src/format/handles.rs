@@ -3,41 +3,13 @@
 use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error::{Error, Position};
-use maquette_value::{Handle, HandleSpace, Handles, HandlesError};
+use maquette_value::{Handle, HandleSpace, Handles};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use serde_json::{Value, json};
-use thiserror::Error;
 
+use super::excerpt;
 use super::json::print;
-use super::{FilePosition, excerpt};
-
-/// Error of reading handles.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum HandlesFileError {
-    /// The bytes are not UTF-8 text.
-    #[error("the file is not text in UTF-8")]
-    NoText,
-    /// The text is not valid RON or JSON, or contains something other than handles.
-    #[error("{at}: {message}")]
-    Syntax {
-        /// The position of the error.
-        at: FilePosition,
-        /// The description of the error.
-        message: String,
-    },
-    /// A column of a CSV file is unknown or missing.
-    #[error(
-        "the first line must name the columns x, y and z, and may name to_x, to_y, to_z, sigma_x, sigma_y, sigma_z and weight; {problem}"
-    )]
-    Columns {
-        /// The description of the error.
-        problem: String,
-    },
-    /// The numbers are not valid handles.
-    #[error(transparent)]
-    Handles(#[from] HandlesError),
-}
 
 /// The content of a RON or JSON file.
 #[derive(Deserialize)]
@@ -56,31 +28,30 @@ impl Content {
     }
 }
 
-fn text(bytes: &[u8]) -> Result<&str, HandlesFileError> {
-    str::from_utf8(bytes).map_err(|_| HandlesFileError::NoText)
+fn text(bytes: &[u8]) -> Result<&str, Error> {
+    str::from_utf8(bytes).map_err(|_| Error::new("the file is not text in UTF-8"))
 }
 
 /// Reads the handles of a RON file: `Handles(space: World, handles: [(at: (0, 0, 0), to: (0, 0, 1), sigma: (1, 1, 1))])`. `to`, `sigma` and
 /// `weight` are optional; if the file does not state the space, it is `space`. A plain list of handles is accepted, too.
 ///
 /// Returns an error if the text is not such a file, a number is not finite, or a number that must be greater than 0 is not.
-pub fn read_ron(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
+pub fn read_ron(bytes: &[u8], space: HandleSpace) -> Result<Handles, Error> {
     let text = text(bytes)?;
-    fn line_position(offset: usize, text: &str) -> FilePosition {
-        FilePosition::Line(Position::from_offset(text, offset).line)
+    fn syntax_error(offset: usize, message: &str, text: &str) -> Error {
+        let line = Position::from_offset(text, offset).line;
+        Error::new(format!("line {line}: {message}"))
     }
     let (tree, mistakes) = maquette_syntax::parse(text);
     if let Some(mistake) = mistakes.into_iter().next() {
-        let at = line_position(mistake.span.start, text);
-        return Err(HandlesFileError::Syntax { at, message: mistake.message });
+        return Err(syntax_error(mistake.span.start, &mistake.message, text));
     }
     let content = match &tree.kind {
         maquette_syntax::Kind::List(_) => maquette_syntax::read_tree(&tree).map(Content::new),
         _ => maquette_syntax::read_tree(&tree),
     };
     let content = content.map_err(|error| {
-        let at = line_position(error.span.map_or(0, |span| span.start), text);
-        HandlesFileError::Syntax { at, message: error.message }
+        syntax_error(error.span.map_or(0, |span| span.start), &error.message, text)
     })?;
     Ok(Handles::new(content.space.unwrap_or(space), &content.handles)?)
 }
@@ -89,17 +60,14 @@ pub fn read_ron(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFile
 ///
 /// # Errors
 /// The errors of [`read_ron`].
-pub fn read_json(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
+pub fn read_json(bytes: &[u8], space: HandleSpace) -> Result<Handles, Error> {
     let is_list = text(bytes)?.trim_start().starts_with('[');
     let content = if is_list {
         serde_json::from_slice(bytes).map(Content::new)
     } else {
         serde_json::from_slice(bytes)
     };
-    let content = content.map_err(|error| HandlesFileError::Syntax {
-        at: FilePosition::Line(error.line()),
-        message: error.to_string(),
-    })?;
+    let content = content.map_err(|error| Error::new(format!("line {}: {error}", error.line())))?;
     Ok(Handles::new(content.space.unwrap_or(space), &content.handles)?)
 }
 
@@ -112,33 +80,37 @@ const COLUMNS: [&str; 10] =
 ///
 /// # Errors
 /// The errors of [`read_ron`].
-pub fn read_csv(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
+pub fn read_csv(bytes: &[u8], space: HandleSpace) -> Result<Handles, Error> {
     let mut lines = text(bytes)?.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let first = lines.next().map_or("", |(_, line)| line);
     let mut columns = Vec::new();
     for name in first.split(',').map(str::trim) {
         let Some(column) = COLUMNS.iter().position(|known| *known == name) else {
-            let problem = format!("found the unknown column `{}`", excerpt(name.as_bytes()));
-            return Err(HandlesFileError::Columns { problem });
+            let name = excerpt(name.as_bytes());
+            return Err(columns_error(&format!("found the unknown column `{name}`")));
         };
         if columns.contains(&column) {
-            return Err(HandlesFileError::Columns { problem: format!("`{name}` is given twice") });
+            return Err(columns_error(&format!("`{name}` is given twice")));
         }
         columns.push(column);
     }
     if let Some(missing) = (0..3).find(|column| !columns.contains(column)) {
-        let problem = format!("`{}` is missing", COLUMNS[missing]);
-        return Err(HandlesFileError::Columns { problem });
+        return Err(columns_error(&format!("`{}` is missing", COLUMNS[missing])));
     }
     let handles: Result<Vec<Handle>, _> = lines
         .map(|(index, line)| {
-            row(line, &columns).map_err(|message| HandlesFileError::Syntax {
-                at: FilePosition::Line(index + 1),
-                message,
-            })
+            row(line, &columns)
+                .map_err(|message| Error::new(format!("line {}: {message}", index + 1)))
         })
         .collect();
     Ok(Handles::new(space, &handles?)?)
+}
+
+/// Returns the error that a column of a CSV file is unknown or missing.
+fn columns_error(problem: &str) -> Error {
+    Error::new(format!(
+        "the first line must name the columns x, y and z, and may name to_x, to_y, to_z, sigma_x, sigma_y, sigma_z and weight; {problem}"
+    ))
 }
 
 fn row(line: &str, columns: &[usize]) -> Result<Handle, String> {
@@ -208,7 +180,7 @@ impl FileReader for HandlesRon {
     const EXTENSIONS: &'static [&'static str] = &["ron"];
 
     fn read(file: &InputFile<'_>) -> Result<Handles, Error> {
-        Ok(read_ron(file.bytes(), HandleSpace::default())?)
+        read_ron(file.bytes(), HandleSpace::default())
     }
 }
 
@@ -217,7 +189,7 @@ impl FileReader for HandlesJson {
     const EXTENSIONS: &'static [&'static str] = &["json"];
 
     fn read(file: &InputFile<'_>) -> Result<Handles, Error> {
-        Ok(read_json(file.bytes(), HandleSpace::default())?)
+        read_json(file.bytes(), HandleSpace::default())
     }
 }
 
@@ -229,7 +201,7 @@ impl FileReader for HandlesCsv {
     const EXTENSIONS: &'static [&'static str] = &["csv"];
 
     fn read(file: &InputFile<'_>) -> Result<Handles, Error> {
-        Ok(read_csv(file.bytes(), HandleSpace::default())?)
+        read_csv(file.bytes(), HandleSpace::default())
     }
 }
 

@@ -3,71 +3,12 @@
 use las::point::Format;
 use las::{PointData, PointDataBuilder, Transform, Vector, raw};
 use maquette_node::importers::{FileReader, InputFile};
-use maquette_syntax::error;
-use maquette_value::{Attribute, Points, PointsError};
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
+use maquette_value::{Attribute, Points};
 use nalgebra::Point3;
-use thiserror::Error;
 
 use super::excerpt;
-
-/// Error of reading points from a LAS file.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum LasError {
-    /// The file does not begin with `LASF`.
-    #[error("expected `LASF` at the start of the file, found `{found}`")]
-    Signature {
-        /// The first bytes of the file.
-        found: String,
-    },
-    /// The file ends within its header.
-    #[error("the file ends within its header, after {found} bytes: it is truncated, copy it again")]
-    Header {
-        /// The length of the file, in bytes.
-        found: usize,
-    },
-    /// The points are compressed.
-    #[error(
-        "the points are compressed (LAZ), which is not supported: unpack the file with `laszip -i in.laz -o out.las` or \
-         `pdal translate in.laz out.las`"
-    )]
-    Compressed,
-    /// The format of the points (the kind of their data) is unknown.
-    #[error("expected a point format from 0 to 10 (LAS 1.0 to 1.4), found {format}")]
-    Format {
-        /// The number of the format in the header.
-        format: u8,
-    },
-    /// According to the header, a point has too few bytes for its format.
-    #[error(
-        "the header gives each point {found} bytes, but points of format {format} have {expected}"
-    )]
-    Record {
-        /// The bytes per point that the header states.
-        found: u16,
-        /// The number of the points' format.
-        format: u8,
-        /// The number of bytes that a point of this format has.
-        expected: u16,
-    },
-    /// The file has fewer points than its header states.
-    #[error(
-        "expected {expected} points of {record} bytes each, found {found}: the file is truncated, copy it again"
-    )]
-    CutOff {
-        /// The number of points that the header states.
-        expected: u64,
-        /// The number of bytes per point.
-        record: u16,
-        /// The number of points in the file.
-        found: u64,
-    },
-    /// The file has no points.
-    #[error("the file has no points")]
-    Empty,
-    /// The points are not valid as [`Points`].
-    #[error(transparent)]
-    Points(#[from] PointsError),
-}
 
 /// Reads the points in a LAS file.
 ///
@@ -76,10 +17,10 @@ pub enum LasError {
 /// some writers store them, the lower 8 are used. Points marked as withheld or synthetic are read like all others.
 ///
 /// Returns an error if the bytes are not a LAS file, or the file is compressed or truncated.
-pub fn read(bytes: &[u8]) -> Result<Points, LasError> {
+pub fn read(bytes: &[u8]) -> Result<Points, Error> {
     let data = records(bytes)?;
     if data.is_empty() {
-        return Err(LasError::Empty);
+        bail!("the file has no points");
     }
     let positions = data.x().zip(data.y()).zip(data.z());
     let mut points =
@@ -109,21 +50,34 @@ pub fn read(bytes: &[u8]) -> Result<Points, LasError> {
 ///
 /// The crate `las` is used only for the header. It trusts the sizes of the data between the header and the points and after the points, and
 /// these data are not needed.
-fn records(bytes: &[u8]) -> Result<PointData, LasError> {
+fn records(bytes: &[u8]) -> Result<PointData, Error> {
     let signature = &bytes[..bytes.len().min(raw::LASF.len())];
     if signature != raw::LASF {
-        return Err(LasError::Signature { found: excerpt(signature) });
+        bail!("expected `LASF` at the start of the file, found `{}`", excerpt(signature));
     }
-    let header =
-        raw::Header::read_from(bytes).map_err(|_| LasError::Header { found: bytes.len() })?;
+    let Ok(header) = raw::Header::read_from(bytes) else {
+        let found = bytes.len();
+        bail!(
+            "the file ends within its header, after {found} bytes: it is truncated, copy it again"
+        );
+    };
     let format = header.point_data_record_format;
-    let mut kind = Format::new(format).map_err(|_| LasError::Format { format })?;
+    let Ok(mut kind) = Format::new(format) else {
+        bail!("expected a point format from 0 to 10 (LAS 1.0 to 1.4), found {format}");
+    };
     if kind.is_compressed {
-        return Err(LasError::Compressed);
+        bail!(
+            "the points are compressed (LAZ), which is not supported: unpack the file with `laszip -i in.laz -o out.las` or \
+             `pdal translate in.laz out.las`"
+        );
     }
     let (record, expected) = (header.point_data_record_length, kind.len());
-    kind.extra_bytes =
-        record.checked_sub(expected).ok_or(LasError::Record { found: record, format, expected })?;
+    let Some(extra_bytes) = record.checked_sub(expected) else {
+        bail!(
+            "the header gives each point {record} bytes, but points of format {format} have {expected}"
+        );
+    };
+    kind.extra_bytes = extra_bytes;
     // The first count is 0 if the number of points does not fit in it.
     let expected = match (header.number_of_point_records, header.large_file) {
         (0, Some(large)) => large.number_of_point_records,
@@ -133,8 +87,12 @@ fn records(bytes: &[u8]) -> Result<PointData, LasError> {
     let body = bytes.get(start..).unwrap_or_default();
     let found = body.len() / usize::from(record);
     let count = usize::try_from(expected).ok().filter(|&count| count <= found);
-    let truncated = LasError::CutOff { expected, record, found: found as u64 };
-    let body = &body[..count.ok_or(truncated)? * usize::from(record)];
+    let Some(count) = count else {
+        bail!(
+            "expected {expected} points of {record} bytes each, found {found}: the file is truncated, copy it again"
+        );
+    };
+    let body = &body[..count * usize::from(record)];
     let transforms = Vector {
         x: Transform { scale: header.x_scale_factor, offset: header.x_offset },
         y: Transform { scale: header.y_scale_factor, offset: header.y_offset },
@@ -152,8 +110,8 @@ impl FileReader for PointsLas {
     const EXTENSIONS: &'static [&'static str] = &["las", "laz"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
-    fn read(file: &InputFile<'_>) -> Result<Points, error::Error> {
-        Ok(read(file.bytes())?)
+    fn read(file: &InputFile<'_>) -> Result<Points, Error> {
+        read(file.bytes())
     }
 }
 

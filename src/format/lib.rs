@@ -1,6 +1,6 @@
 //! Readers and writers of file formats.
 //!
-//! Readers are functions that convert bytes to a value or a typed error. They never panic, and never reserve more memory than a small
+//! Readers are functions that convert bytes to a value or an error. They never panic, and never reserve more memory than a small
 //! multiple of the file size, whatever a header states. Writers implement [`FileFormat`](maquette_node::FileFormat), and readers that are
 //! chosen by extension implement [`FileReader`](maquette_node::FileReader). [`PACK`] lists both, one line for each pair of value type and
 //! format.
@@ -12,11 +12,11 @@
 
 pub mod abs;
 pub mod camera;
-pub mod decoder;
+mod decoder;
 pub mod depth;
 pub mod e57;
 pub mod exif;
-pub mod exr;
+mod exr;
 pub mod glb;
 pub mod handles;
 pub mod jpeg;
@@ -57,8 +57,8 @@ mod upright;
 mod zip;
 
 pub(crate) use common::{
-    BLOCK, MAX_NAMESPACES, check_mesh, check_single, excerpt, has_many_namespaces, max_memory,
-    mesh_precision_note, open_mesh_note, parse, parse_real, precision_note, words,
+    BLOCK, FilePosition, MAX_NAMESPACES, check_mesh, check_single, count_error, excerpt,
+    has_many_namespaces, max_memory, mesh_precision_note, not_a_number, open_mesh_note, parse,
+    parse_real, precision_note, words,
 };
-pub use common::{CoordinateOverflow, FilePosition};
 pub use formats::{FORMATS, PACK, READERS, read};

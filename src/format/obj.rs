@@ -6,11 +6,10 @@
 use std::collections::{BTreeMap, HashMap};
 
 use lines::{for_lines, numbers, resolve, without_comment};
-use maquette_value::{
-    Attribute, CurveError, KnotVectorError, MATERIAL_ATTRIBUTE, Mesh, MeshError, Rgb,
-};
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
+use maquette_value::{Attribute, MATERIAL_ATTRIBUTE, Mesh, MeshError, Rgb};
 use nalgebra::Point3;
-use thiserror::Error;
 
 use super::colors::{self, ColorRange};
 use super::corners::{FaceList, add_corner_data};
@@ -30,90 +29,6 @@ pub(super) use free_form::{CurveObj, SurfaceObj};
 pub use material::{FindFile, materials};
 pub(super) use write::MeshObj;
 
-/// Error of reading a mesh or a curve from an OBJ file.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum ObjError {
-    /// A word is not a number.
-    #[error("line {line}: `{text}` is not a number")]
-    Number {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The word that is not a number.
-        text: String,
-    },
-    /// A line has too few numbers.
-    #[error("line {line}: expected at least {expected} numbers, found {found}")]
-    Count {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The count of numbers in the line.
-        found: usize,
-        /// The minimum count of numbers in such a line.
-        expected: usize,
-    },
-    /// A corner is not written as `v`, `v/vt`, `v//vn` or `v/vt/vn`.
-    #[error("line {line}: `{text}` is not a corner of a face")]
-    Corner {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The word that should describe a corner.
-        text: String,
-    },
-    /// A corner refers to an element that is not above it in the file.
-    #[error("line {line}: there is no {what} {index} among the {count} so far")]
-    Index {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The kind of the element: `v`, `vt` or `vn`.
-        what: &'static str,
-        /// The index as written in the file.
-        index: i64,
-        /// The number of elements of this kind before this line.
-        count: usize,
-    },
-    /// A corner refers to an element that does not exist in the file.
-    #[error("line {line}: there is no {what} {index}: the file has {count}")]
-    Missing {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The kind of the element: `v`, `vt` or `vn`.
-        what: &'static str,
-        /// The index as written in the file.
-        index: usize,
-        /// The number of elements of this kind in the file.
-        count: usize,
-    },
-    /// The file has no vertex.
-    #[error("the file has no vertices")]
-    Empty,
-    /// The vertices and faces are not a valid mesh.
-    #[error(transparent)]
-    Mesh(MeshError),
-    /// The file has neither a line nor a free-form curve.
-    #[error("the file has no curve: no line `l` and no `curv`")]
-    NoCurve,
-    /// The file has a second curve.
-    #[error("line {line}: a second curve begins, which does not continue the first one")]
-    SecondCurve {
-        /// The number of the line at which the second curve begins, from 1.
-        line: usize,
-    },
-    /// A free-form curve is not supported.
-    #[error("line {line}: {what}")]
-    FreeForm {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The description of the error.
-        what: &'static str,
-    },
-    /// The points are not a valid curve.
-    #[error(transparent)]
-    Curve(#[from] CurveError),
-    /// The parameters are not a valid knot vector.
-    #[error(transparent)]
-    Knots(#[from] KnotVectorError),
-}
-
 /// Reads a mesh from an OBJ file.
 ///
 /// `vt` becomes the attribute `uv` of pairs, `vn` the attribute `normal` of vectors: attributes of vertices if all corners of each vertex
@@ -123,7 +38,7 @@ pub enum ObjError {
 /// face with fewer than three corners is left out. A corner may refer to elements further below in the file.
 ///
 /// Returns an error if a line is invalid or refers to a missing element, or the vertices and faces are not a valid mesh.
-pub fn read(bytes: &[u8]) -> Result<Mesh, ObjError> {
+pub fn read(bytes: &[u8]) -> Result<Mesh, Error> {
     Ok(read_with_notes(bytes, None)?.0.without_face(MATERIAL_ATTRIBUTE))
 }
 
@@ -132,7 +47,7 @@ pub fn read(bytes: &[u8]) -> Result<Mesh, ObjError> {
 fn read_with_notes(
     bytes: &[u8],
     color_range: Option<ColorRange>,
-) -> Result<(Mesh, Vec<String>, Vec<String>), ObjError> {
+) -> Result<(Mesh, Vec<String>, Vec<String>), Error> {
     let mut reader = Reader { color_range, ..Reader::default() };
     for_lines(bytes, |text, line| reader.read_line(text, line))?;
     let used = std::mem::take(&mut reader.used);
@@ -198,7 +113,7 @@ struct Reader {
 }
 
 impl Reader {
-    fn read_line(&mut self, text: &[u8], line: usize) -> Result<(), ObjError> {
+    fn read_line(&mut self, text: &[u8], line: usize) -> Result<(), Error> {
         if let Some(colors) = text.strip_prefix(b"#MRGB") {
             self.read_painted(colors.trim_ascii());
         }
@@ -260,11 +175,14 @@ impl Reader {
         &mut self,
         corners: impl Iterator<Item = &'a [u8]>,
         line: usize,
-    ) -> Result<(), ObjError> {
+    ) -> Result<(), Error> {
         self.face.clear();
         let counts = [self.positions.len(), self.texture.len(), self.normals.len()];
         for corner in corners {
-            let corner_error = || ObjError::Corner { line, text: excerpt(corner) };
+            let corner_error = || {
+                let corner = excerpt(corner);
+                Error::new(format!("line {line}: `{corner}` is not a corner of a face"))
+            };
             let mut parts = corner.split(|&byte| byte == b'/');
             let mut next = |kind: usize| match parts.next() {
                 None | Some(b"") => Ok(None),
@@ -292,15 +210,16 @@ impl Reader {
     }
 
     /// Returns the mesh and the warnings. `none` is the material index that faces without a material get.
-    fn finish(mut self, none: u32) -> Result<(Mesh, Vec<String>), ObjError> {
+    fn finish(mut self, none: u32) -> Result<(Mesh, Vec<String>), Error> {
         if self.positions.is_empty() {
-            return Err(ObjError::Empty);
+            bail!("the file has no vertices");
         }
         let counts = [self.positions.len(), self.texture.len(), self.normals.len()];
         if let Some(&(line, kind, index)) =
             self.forward.iter().find(|(_, kind, index)| *index > counts[*kind])
         {
-            return Err(ObjError::Missing { line, what: KINDS[kind], index, count: counts[kind] });
+            let (what, count) = (KINDS[kind], counts[kind]);
+            bail!("line {line}: there is no {what} {index}: the file has {count}");
         }
         let mut notes = self.faces.notes();
         notes.extend(self.left_out.iter().map(|(word, count): (&String, &usize)| match count {
@@ -309,7 +228,7 @@ impl Reader {
         }));
         let finite = FiniteMask::clear_non_finite(&mut self.positions);
         let colors = self.take_colors(&mut notes);
-        let mesh = self.into_mesh(colors, none, &mut notes).map_err(ObjError::Mesh)?;
+        let mesh = self.into_mesh(colors, none, &mut notes)?;
         let (mesh, left_out) = finite.mesh(mesh);
         notes.extend(finite::left_out_note(left_out, "face"));
         Ok((mesh, notes))

@@ -3,153 +3,47 @@
 //! All three encodings are read, with fields of any type in any order. Files are written as `binary`, with the fields x y z as `float` and,
 //! if there are colors, a fourth field `rgb`. The file does not state units and axes, so the user of the reader must know them.
 
-use header::{Encoding, Field, Header, Scalar};
+use header::{Encoding, Field, Header, Scalar, count_error, value_error};
 use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_syntax::error;
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Points, RangeImage, Rgb};
 use nalgebra::Point3;
-use thiserror::Error;
 
 use super::colors::{self, ColorRange};
 use super::finite::{self, FiniteMask};
 use super::losses;
 use super::rows::{fill_blocks, fill_column};
-use super::{
-    CoordinateOverflow, FilePosition, check_single, excerpt, max_memory, parse, parse_real, words,
-};
+use super::{FilePosition, check_single, max_memory, parse, parse_real, words};
 
 mod header;
 mod lzf;
 
-/// Error of reading points from a PCD file.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum PcdError {
-    /// The file is empty.
-    #[error("the file is empty")]
-    Empty,
-    /// A line is missing in the header.
-    #[error("the header has no line {keyword}")]
-    Missing {
-        /// The first word of the missing line.
-        keyword: &'static str,
-    },
-    /// A header line begins with an unknown keyword.
-    #[error("line {line}: `{text}` is not a keyword of a PCD header")]
-    Keyword {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The first word of the line.
-        text: String,
-    },
-    /// A value in the file is invalid.
-    #[error("line {line}: `{text}` is not a valid value")]
-    Value {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The word that is not a valid value.
-        text: String,
-    },
-    /// A line has too many or too few values.
-    #[error("line {line}: expected {expected} values, found {found}")]
-    Count {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The number of values in the line.
-        found: usize,
-        /// The expected number of values.
-        expected: usize,
-    },
-    /// The points lack a coordinate.
-    #[error("the points have no field {name}")]
-    NoField {
-        /// The name of the missing field.
-        name: &'static str,
-    },
-    /// The points are a list instead of a grid.
-    #[error(
-        "line {line}: HEIGHT is 1: the {width} points are a list, not the rows of a grid (the cloud is not organized)"
-    )]
-    NotOrganised {
-        /// The number of the line with the height, from 1.
-        line: usize,
-        /// The number of points in the list.
-        width: usize,
-    },
-    /// The number of rows or columns is 0, or their product is too large to count.
-    #[error("line {line}: the size is 0 or too large")]
-    TooLarge {
-        /// The number of the line, from 1.
-        line: usize,
-    },
-    /// The number of points differs from width x height.
-    #[error("line {line}: POINTS is {points}, but the grid is {width} x {height}")]
-    Points {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The value of POINTS.
-        points: usize,
-        /// The value of WIDTH.
-        width: usize,
-        /// The value of HEIGHT.
-        height: usize,
-    },
-    /// The file has fewer bytes of data than the header states.
-    #[error("{at}: expected at least {expected} bytes of data, found {found}")]
-    CutOff {
-        /// The position at which the data start.
-        at: FilePosition,
-        /// The number of bytes in the data.
-        found: usize,
-        /// The expected number of bytes.
-        expected: usize,
-    },
-    /// The file has fewer points than the header states.
-    #[error("line {line}: expected {expected} points, found {found}")]
-    TooFew {
-        /// The number of the first line with points, from 1.
-        line: usize,
-        /// The number of points in the file.
-        found: usize,
-        /// The expected number of points.
-        expected: usize,
-    },
-    /// The compressed points would take too much memory.
-    #[error(
-        "{width} x {height} points would take more than {limit} bytes of memory: write them uncompressed, as `DATA binary`"
-    )]
-    TooManyPoints {
-        /// The value of WIDTH.
-        width: usize,
-        /// The value of HEIGHT.
-        height: usize,
-        /// The maximum memory, in bytes.
-        limit: usize,
-    },
-    /// The compressed data are invalid.
-    #[error("byte {byte}: {what}")]
-    Compressed {
-        /// The position of the invalid byte, from 0.
-        byte: usize,
-        /// The description of the error.
-        what: &'static str,
-    },
+/// The error that the points are a list instead of a grid.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "line {line}: HEIGHT is 1: the {width} points are a list, not the rows of a grid (the cloud is not organized)"
+)]
+pub struct NotOrganizedError {
+    line: usize,
+    width: usize,
 }
 
 /// Reads a PCD file whose points are organized as a grid. A cell is invalid if a coordinate is NaN or infinite, or z is 0.
 ///
 /// Returns an error if the bytes are not a PCD file, its points are not organized as a grid, or the file is truncated.
-pub fn read(bytes: &[u8]) -> Result<RangeImage, PcdError> {
+pub fn read(bytes: &[u8]) -> Result<RangeImage, Error> {
     Ok(read_range(bytes)?.0)
 }
 
 /// Reads the range image of an organized PCD file. Also returns warnings about fields that are left out.
-pub(super) fn read_range(bytes: &[u8]) -> Result<(RangeImage, Vec<String>), PcdError> {
+pub(super) fn read_range(bytes: &[u8]) -> Result<(RangeImage, Vec<String>), Error> {
     let header = header::read(bytes)?;
     if header.height == 1 {
         let (line, width) = (header.height_line, header.width);
-        return Err(PcdError::NotOrganised { line, width });
+        return Err(NotOrganizedError { line, width }.into());
     }
     let (points, colors) = cells(&header, bytes, valid_point)?;
     let range = RangeImage::new(header.width, header.height, points)
@@ -168,7 +62,7 @@ pub(super) fn read_range(bytes: &[u8]) -> Result<(RangeImage, Vec<String>), PcdE
 /// Reads the points of a PCD file, organized as a grid or not, with their colors (`rgb`, or `r g b`) and normals
 /// (`normal_x normal_y normal_z`, or `nx ny nz`). Each other field becomes a number attribute with the name of the field. Also returns
 /// warnings about data that are left out or ambiguous.
-fn read_points(bytes: &[u8], range: Option<ColorRange>) -> Result<(Points, Vec<String>), PcdError> {
+fn read_points(bytes: &[u8], range: Option<ColorRange>) -> Result<(Points, Vec<String>), Error> {
     let header = header::read(bytes)?;
     let (mut positions, colors) = cells(&header, bytes, Point3::from)?;
     let finite = FiniteMask::clear_non_finite(&mut positions);
@@ -185,7 +79,7 @@ fn read_points(bytes: &[u8], range: Option<ColorRange>) -> Result<(Points, Vec<S
         fields: [Field; 3],
         header: &Header,
         bytes: &[u8],
-    ) -> Result<Vec<Point3<f64>>, PcdError> {
+    ) -> Result<Vec<Point3<f64>>, Error> {
         let only = Header { position: fields, color: None, others: Vec::new(), ..*header };
         Ok(cells(&only, bytes, Point3::from)?.0)
     }
@@ -238,7 +132,7 @@ fn cells(
     header: &Header,
     bytes: &[u8],
     to_point: impl Fn([f64; 3]) -> Point3<f64> + Sync,
-) -> Result<(Vec<Point3<f64>>, Vec<Rgb>), PcdError> {
+) -> Result<(Vec<Point3<f64>>, Vec<Rgb>), Error> {
     let body = &bytes[header.start..];
     match header.encoding {
         Encoding::Ascii => ascii(header, body, to_point),
@@ -263,41 +157,44 @@ fn cells(
 }
 
 /// Checks that `body` has at least `expected` bytes. This is done before memory is reserved for the points.
-fn need(header: &Header, body: &[u8], expected: usize) -> Result<(), PcdError> {
+fn need(header: &Header, body: &[u8], expected: usize) -> Result<(), Error> {
     if body.len() < expected {
         let at = match header.encoding {
             Encoding::Ascii => FilePosition::Line(header.start_line),
             Encoding::Binary | Encoding::Compressed => FilePosition::Byte(header.start),
         };
-        return Err(PcdError::CutOff { at, found: body.len(), expected });
+        return Err(truncated(at, body.len(), expected));
     }
     Ok(())
 }
 
+fn truncated(at: FilePosition, found: usize, expected: usize) -> Error {
+    Error::new(format!("{at}: expected at least {expected} bytes of data, found {found}"))
+}
+
 /// Unpacks a compressed body. It is stored by columns: all values of the first field, then all of the second, and so on.
-fn unpack(header: &Header, body: &[u8]) -> Result<Vec<u8>, PcdError> {
-    let truncated = |found, expected| PcdError::CutOff {
-        at: FilePosition::Byte(header.start),
-        found,
-        expected,
-    };
-    let (sizes, rest) = body.split_first_chunk::<8>().ok_or(truncated(body.len(), 8))?;
+fn unpack(header: &Header, body: &[u8]) -> Result<Vec<u8>, Error> {
+    let at = FilePosition::Byte(header.start);
+    let (sizes, rest) =
+        body.split_first_chunk::<8>().ok_or_else(|| truncated(at, body.len(), 8))?;
     let [packed, unpacked] =
         [0, 4].map(|at| u32::from_le_bytes(header::first_bytes(&sizes[at..])) as usize);
     if unpacked != header.width * header.height * header.stride {
-        let what = "the size of the data does not match the points in the header";
-        return Err(PcdError::Compressed { byte: header.start + 4, what });
+        let byte = header.start + 4;
+        bail!("byte {byte}: the size of the data does not match the points in the header");
     }
     let (width, height) = (header.width, header.height);
     let limit = max_memory(body.len());
     let per_point = header.stride.saturating_add(size_of::<Point3<f64>>() + size_of::<Rgb>());
     if limit / per_point < width * height {
-        return Err(PcdError::TooManyPoints { width, height, limit });
+        bail!(
+            "{width} x {height} points would take more than {limit} bytes of memory: write them uncompressed, as `DATA binary`"
+        );
     }
-    let stream = rest.get(..packed).ok_or(truncated(body.len(), packed.saturating_add(8)))?;
-    lzf::unpack(stream, unpacked).map_err(|error| PcdError::Compressed {
-        byte: header.start + 8 + error.byte,
-        what: error.what,
+    let stream = rest.get(..packed);
+    let stream = stream.ok_or_else(|| truncated(at, body.len(), packed.saturating_add(8)))?;
+    lzf::unpack(stream, unpacked).map_err(|error| {
+        Error::new(format!("byte {}: {}", header.start + 8 + error.byte, error.what))
     })
 }
 
@@ -346,7 +243,7 @@ fn ascii(
     header: &Header,
     body: &[u8],
     point: impl Fn([f64; 3]) -> Point3<f64>,
-) -> Result<(Vec<Point3<f64>>, Vec<Rgb>), PcdError> {
+) -> Result<(Vec<Point3<f64>>, Vec<Rgb>), Error> {
     let count = header.width * header.height;
     // Each number takes at least a digit and a blank, but the blank after the last number may be missing.
     need(header, body, count.saturating_mul(header.numbers).saturating_mul(2) - 1)?;
@@ -356,8 +253,7 @@ fn ascii(
     for (text, line) in lines.filter(|(text, _)| words(text).next().is_some()).take(count) {
         let numbers: Vec<_> = words(text).collect();
         if numbers.len() != header.numbers {
-            let (found, expected) = (numbers.len(), header.numbers);
-            return Err(PcdError::Count { line, found, expected });
+            return Err(count_error(line, header.numbers, numbers.len()));
         }
         let [x, y, z] = header.position.map(|field| number(&field, numbers[field.index], line));
         points.push(point([x?, y?, z?]));
@@ -367,28 +263,28 @@ fn ascii(
     }
     if points.len() < count {
         let (line, found) = (header.start_line, points.len());
-        return Err(PcdError::TooFew { line, found, expected: count });
+        bail!("line {line}: expected {count} points, found {found}");
     }
     Ok((points, colors))
 }
 
-fn number(field: &Field, word: &[u8], line: usize) -> Result<f64, PcdError> {
+fn number(field: &Field, word: &[u8], line: usize) -> Result<f64, Error> {
     let number = match field.scalar {
         // Single-precision numbers are parsed as such, because rounding twice can differ from rounding once.
         Scalar::F32 => parse_real::<f32>(word).map(f64::from),
         _ => parse_real(word),
     };
-    number.ok_or_else(|| PcdError::Value { line, text: excerpt(word) })
+    number.ok_or_else(|| value_error(line, word))
 }
 
-fn color(field: &Field, word: &[u8], line: usize) -> Result<Rgb, PcdError> {
+fn color(field: &Field, word: &[u8], line: usize) -> Result<Rgb, Error> {
     let bits = match field.scalar {
         // A packed color that was written as a NaN has lost its bits.
         Scalar::F32 => parse_real::<f32>(word).map(|x| if x.is_nan() { 0 } else { x.to_bits() }),
         Scalar::I32 => parse::<i32>(word).map(|bits| bits as u32),
         _ => parse(word),
     };
-    let bits = bits.ok_or_else(|| PcdError::Value { line, text: excerpt(word) })?;
+    let bits = bits.ok_or_else(|| value_error(line, word))?;
     Ok(unpack_color(bits.to_le_bytes()))
 }
 
@@ -400,7 +296,7 @@ impl FileReader for PointsPcd {
     const EXTENSIONS: &'static [&'static str] = &["pcd"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
-    fn read(file: &InputFile<'_>) -> Result<Points, error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         let (points, notes) = read_points(file.bytes(), file.color_range())?;
         notes.into_iter().for_each(|note| file.warn(note));
         Ok(points)
@@ -414,7 +310,7 @@ impl FileFormat for RangePcd {
     type Value = RangeImage;
     const EXTENSION: &'static str = "pcd";
 
-    fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, error::Error> {
+    fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, Error> {
         Ok(NewFile::single(name, encode(range)?))
     }
 }
@@ -422,7 +318,7 @@ impl FileFormat for RangePcd {
 /// Encodes a range image as a binary PCD file, in single precision, with NaN for invalid cells.
 ///
 /// Returns an error if a coordinate is too large for single precision.
-pub fn encode(range: &RangeImage) -> Result<Vec<u8>, CoordinateOverflow> {
+pub fn encode(range: &RangeImage) -> Result<Vec<u8>, Error> {
     check_single("cell", range.points())?;
     let (width, height) = (range.width(), range.height());
     let (names, per_field) = match range.colors() {

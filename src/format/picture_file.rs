@@ -8,35 +8,13 @@ use ::image::codecs::hdr::HdrDecoder;
 use ::image::codecs::openexr::OpenExrDecoder;
 use ::image::codecs::webp::WebPDecoder;
 use maquette_node::importers::{FileReader, InputFile};
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::{Image, Mask, Mesh, Rgb};
-use thiserror::Error;
 
-use super::decoder::{DecodeError, File};
+use super::decoder::File;
 pub use super::picture_kind::Kind;
 use super::{camera, excerpt, exif, jpeg, png, tiff};
-
-/// Error of reading a picture.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum PictureError {
-    /// The PNG file is invalid.
-    #[error(transparent)]
-    Png(#[from] png::PngError),
-    /// The JPEG file is invalid.
-    #[error(transparent)]
-    Jpeg(#[from] jpeg::JpegError),
-    /// The TIFF file is invalid, or its kind of picture is not supported.
-    #[error(transparent)]
-    Tiff(#[from] tiff::TiffError),
-    /// A file in one of the other formats is invalid, or its picture is too large.
-    #[error(transparent)]
-    Other(#[from] DecodeError),
-    /// The format is unknown.
-    #[error("byte 0: expected a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR picture, found `{text}`")]
-    Unknown {
-        /// The first bytes of the file.
-        text: String,
-    },
-}
 
 /// Adds the picture `name` to a mesh. If the picture cannot be loaded, or the mesh has no texture coordinates, adds a warning instead.
 pub(super) fn on_mesh(mesh: Mesh, name: &str, file: &InputFile<'_>) -> Mesh {
@@ -59,8 +37,8 @@ pub(super) fn on_mesh(mesh: Mesh, name: &str, file: &InputFile<'_>) -> Mesh {
 /// Reads a picture in any supported format as 8-bit sRGB. From an animated WebP file the first frame is read.
 ///
 /// Returns an error if the format is unknown, the file is damaged, or the picture is too large.
-pub fn read(bytes: &[u8]) -> Result<Image, PictureError> {
-    fn accept_any_size(_: u32, _: u32) -> Result<(), PictureError> {
+pub fn read(bytes: &[u8]) -> Result<Image, Error> {
+    fn accept_any_size(_: u32, _: u32) -> Result<(), Error> {
         Ok(())
     }
     fn file<'b>(format: &'static str, bytes: &'b [u8], copies: u64) -> File<'b> {
@@ -68,9 +46,9 @@ pub fn read(bytes: &[u8]) -> Result<Image, PictureError> {
     }
     let cursor = Cursor::new(bytes);
     match Kind::detect(bytes) {
-        Some(Kind::Png) => Ok(png::read(bytes)?),
-        Some(Kind::Jpeg) => Ok(jpeg::read(bytes)?),
-        Some(Kind::Tiff) => Ok(tiff::read(bytes)?),
+        Some(Kind::Png) => png::read(bytes),
+        Some(Kind::Jpeg) => jpeg::read(bytes),
+        Some(Kind::Tiff) => tiff::read(bytes),
         // The WebP decoder decodes into its own RGBA buffer.
         Some(Kind::WebP) => {
             file("WebP", bytes, 3).picture(|| WebPDecoder::new(cursor), accept_any_size)
@@ -85,7 +63,10 @@ pub fn read(bytes: &[u8]) -> Result<Image, PictureError> {
         Some(Kind::Hdr) => {
             file("HDR", bytes, 1).picture(|| HdrDecoder::new(cursor), accept_any_size)
         }
-        None => Err(PictureError::Unknown { text: excerpt(&bytes[..bytes.len().min(8)]) }),
+        None => bail!(
+            "byte 0: expected a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR picture, found `{}`",
+            excerpt(&bytes[..bytes.len().min(8)])
+        ),
     }
 }
 
@@ -93,7 +74,7 @@ pub fn read(bytes: &[u8]) -> Result<Image, PictureError> {
 ///
 /// # Errors
 /// The errors of [`read`].
-pub fn read_upright(bytes: &[u8]) -> Result<Image, PictureError> {
+pub fn read_upright(bytes: &[u8]) -> Result<Image, Error> {
     Ok(exif::upright(read(bytes)?, exif::orientation(bytes)))
 }
 
@@ -106,7 +87,7 @@ impl FileReader for ImageFiles {
     const EXTENSIONS: &'static [&'static str] =
         &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
 
-    fn read(file: &InputFile<'_>) -> Result<Image, maquette_syntax::error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Image, Error> {
         let image = read(file.bytes())?;
         let camera = file.companion(camera::NAME).ok();
         let camera = camera.map(|bytes| camera::read(&bytes)).transpose()?;
@@ -128,7 +109,7 @@ impl FileReader for MaskFiles {
     const EXTENSIONS: &'static [&'static str] =
         &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
 
-    fn read(file: &InputFile<'_>) -> Result<Mask, maquette_syntax::error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Mask, Error> {
         let image = read_upright(file.bytes())?;
         fn is_light([r, g, b]: &Rgb) -> bool {
             u16::from(*r) + u16::from(*g) + u16::from(*b) >= 3 * 128
@@ -146,8 +127,12 @@ mod tests {
     fn the_format_is_detected_from_the_content() {
         let png = include_bytes!("../../tests/data/formats/colour_2x.png");
         assert_eq!(read(png).unwrap().width(), 16);
-        assert!(matches!(read(b"\xff\xd8\xff"), Err(PictureError::Jpeg(_))));
-        assert!(matches!(read(b"MM\0*"), Err(PictureError::Tiff(_))));
+        for (file, error) in [
+            (&b"\xff\xd8\xff"[..], "this is not a readable JPEG file: "),
+            (b"MM\0*", "this is not a readable TIFF file: "),
+        ] {
+            assert!(read(file).unwrap_err().to_string().starts_with(error));
+        }
     }
 
     #[test]

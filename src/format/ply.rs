@@ -5,6 +5,7 @@
 use body::Body;
 use faces::FaceTable;
 use header::{Element, Property};
+use maquette_syntax::error::Error;
 use maquette_value::{Faces, Mesh, Points};
 use table::Table;
 
@@ -12,7 +13,7 @@ use super::colors::ColorRange;
 use super::finite::FiniteMask;
 
 mod body;
-mod error;
+
 mod faces;
 mod header;
 mod points;
@@ -20,7 +21,6 @@ mod range;
 mod table;
 mod write;
 
-pub use error::PlyError;
 pub(super) use points::{CurvePly, HandlesPly, PointsPly, RangePly, RegionPly};
 pub use range::read_range;
 pub use write::encode;
@@ -39,7 +39,7 @@ pub(super) use write::{ControlNetPly, MeshPly};
 /// elements are ignored.
 ///
 /// Returns an error if the bytes are not a PLY file, the file is truncated, or vertices and faces are not a valid mesh.
-pub fn read(bytes: &[u8]) -> Result<Mesh, PlyError> {
+pub fn read(bytes: &[u8]) -> Result<Mesh, Error> {
     let Contents { mesh, finite, .. } = read_contents(bytes, None)?;
     Ok(finite.mesh(mesh).0)
 }
@@ -57,7 +57,7 @@ struct Contents {
     pictures: Vec<String>,
 }
 
-fn read_contents(bytes: &[u8], color_range: Option<ColorRange>) -> Result<Contents, PlyError> {
+fn read_contents(bytes: &[u8], color_range: Option<ColorRange>) -> Result<Contents, Error> {
     let header = header::read(bytes)?;
     let mut body = Body::new(&header, bytes);
     let (mut notes, mut face_notes) = (Vec::new(), Vec::new());
@@ -97,7 +97,7 @@ fn read_contents(bytes: &[u8], color_range: Option<ColorRange>) -> Result<Conten
         }
     }
     notes.extend(body.rest());
-    let mut vertices = vertices.ok_or(PlyError::NoVertices)?;
+    let mut vertices = vertices.ok_or_else(no_vertices)?;
     let mut faces = faces.unwrap_or_default();
     vertices.color_range = color_range;
     faces.scalars.iter_mut().for_each(|scalars| scalars.color_range = color_range);
@@ -111,7 +111,7 @@ fn read_contents(bytes: &[u8], color_range: Option<ColorRange>) -> Result<Conten
 ///
 /// # Errors
 /// The errors of [`read`].
-pub fn read_points(bytes: &[u8]) -> Result<Points, PlyError> {
+pub fn read_points(bytes: &[u8]) -> Result<Points, Error> {
     Ok(read_finite(bytes, None)?.0)
 }
 
@@ -119,7 +119,7 @@ pub fn read_points(bytes: &[u8]) -> Result<Points, PlyError> {
 fn read_finite(
     bytes: &[u8],
     color_range: Option<ColorRange>,
-) -> Result<(Points, usize, Vec<String>), PlyError> {
+) -> Result<(Points, usize, Vec<String>), Error> {
     let Contents { mesh, finite, notes, .. } = read_contents(bytes, color_range)?;
     let mut points = Points::new(mesh.positions().clone()).expect("a mesh has finite positions");
     for (name, attribute) in mesh.vertex().iter() {
@@ -130,7 +130,7 @@ fn read_finite(
     Ok((finite.points(points), finite.n_left_out(), notes))
 }
 
-fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), PlyError> {
+fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), Error> {
     // Rows without properties take no bytes, so a small file may state any number of them.
     if element.properties.is_empty() {
         return Ok(());
@@ -145,6 +145,10 @@ fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), PlyError> {
         body.end_row(element)?;
     }
     Ok(())
+}
+
+fn no_vertices() -> Error {
+    Error::new("the file has no vertices with x, y and z")
 }
 
 /// The name of the element that contains triangle strips.
@@ -162,7 +166,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::FilePosition;
+
     use crate::hostile;
 
     const GRIDS: [&[u8]; 4] = [
@@ -200,7 +204,7 @@ mod tests {
 
     #[test]
     fn a_missing_or_additional_number_in_a_line_is_an_error() {
-        fn file(rows: &str) -> Result<Mesh, PlyError> {
+        fn file(rows: &str) -> Result<Mesh, Error> {
             let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
                 element face 1\nproperty list uchar int vertex_indices\nend_header\n";
             read(format!("{header}{rows}").as_bytes())
@@ -220,8 +224,10 @@ mod tests {
             ("0 0 0\n1 0 0 7\n0 1 0\n3 0 1 2\n", "vertex", 11),
             ("0 0 0\n1 0 0\n0 1 0\n3 0 1 2 255\n", "face", 13),
         ] {
-            let row = PlyError::Row { at: FilePosition::Line(line), name: name.into() };
-            assert_eq!(file(invalid).unwrap_err(), row, "{invalid:?}");
+            let row = format!(
+                "line {line}: expected one row of `{name}` per line: this line has too many numbers, or the previous one too few"
+            );
+            assert_eq!(file(invalid).unwrap_err().to_string(), row, "{invalid:?}");
         }
     }
 
@@ -305,7 +311,8 @@ mod tests {
     #[test]
     fn rows_without_properties_take_no_time() {
         let file = "ply\nformat ascii 1.0\nelement nothing 18446744073709551615\nelement vertex 18446744073709551615\nend_header\n";
-        assert_eq!(read(file.as_bytes()), Err(PlyError::NoVertices));
+        let error = read(file.as_bytes()).unwrap_err().to_string();
+        assert_eq!(error, "the file has no vertices with x, y and z");
     }
 
     #[test]

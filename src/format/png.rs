@@ -8,86 +8,22 @@ use std::io::Cursor;
 use ::image::codecs::png::PngDecoder;
 use ::png::{BitDepth, ColorType, Compression, Decoder, Encoder, Filter, Limits, Transformations};
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_syntax::error;
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::{Field, Image, Labels, Mask};
-use thiserror::Error;
 
-use super::decoder::{DecodeError, File};
+use super::decoder::{File, too_large, too_short, unreadable};
 use super::{depth, max_memory};
 
 /// The maximum size of a depth map's samples, in bytes. The limit is necessary because a small file can unpack to a thousand times its
 /// size.
 const MAX_BYTES: usize = 512 << 20;
 
-/// Error of reading or writing a PNG file.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum PngError {
-    /// The file is damaged or of another format.
-    #[error("this is not a readable PNG file: {reason}")]
-    Broken {
-        /// The error message of the decoder.
-        reason: String,
-    },
-    /// The picture would take too much memory.
-    #[error(
-        "{width} x {height} pixels would take more than {limit} bytes of memory: make the picture smaller"
-    )]
-    TooLarge {
-        /// The picture's width.
-        width: u32,
-        /// The picture's height.
-        height: u32,
-        /// The maximum memory, in bytes.
-        limit: usize,
-    },
-    /// The header states more pixels than the file can contain.
-    #[error("{width} x {height} pixels do not fit in the {bytes} bytes of the file")]
-    CutOff {
-        /// The picture's width.
-        width: u32,
-        /// The picture's height.
-        height: u32,
-        /// The length of the file, in bytes.
-        bytes: usize,
-    },
-    /// The picture is not a depth map.
-    #[error("expected a depth map in 16-bit gray, found {found}")]
-    NoDepth {
-        /// The color type and the bits per pixel of the picture.
-        found: String,
-    },
-    /// The picture has no pixels, or is too large for PNG.
-    #[error("a picture of {width} x {height} pixels cannot be written as PNG")]
-    Size {
-        /// The picture's width.
-        width: usize,
-        /// The picture's height.
-        height: usize,
-    },
-    /// There are more labels than fit in 16 bits.
-    #[error("expected at most 65535 labels for a 16-bit picture, found {count}")]
-    TooManyLabels {
-        /// The number of labels.
-        count: usize,
-    },
-}
-
-impl From<DecodeError> for PngError {
-    fn from(error: DecodeError) -> Self {
-        match error {
-            DecodeError::Broken { reason, .. } => Self::Broken { reason },
-            DecodeError::TooLarge { width, height, limit } => {
-                Self::TooLarge { width, height, limit }
-            }
-        }
-    }
-}
-
 /// Reads a PNG file.
 ///
 /// # Errors
 /// If the bytes are not a PNG file, it is damaged, or the picture takes too much memory.
-pub fn read(bytes: &[u8]) -> Result<Image, PngError> {
+pub fn read(bytes: &[u8]) -> Result<Image, Error> {
     let file = File { format: "PNG", bytes, copies: 1 };
     // The file must have at least one bit per pixel.
     file.picture(
@@ -97,10 +33,10 @@ pub fn read(bytes: &[u8]) -> Result<Image, PngError> {
 }
 
 /// Checks that a file of `bytes` bytes can contain this many pixels.
-fn check_size(width: u32, height: u32, bits: u64, bytes: usize) -> Result<(), PngError> {
+fn check_size(width: u32, height: u32, bits: u64, bytes: usize) -> Result<(), Error> {
     let limit = MAX_EXPANSION.saturating_mul(bytes) as u64;
     match limit < bits * pixels(width, height) / 8 {
-        true => Err(PngError::CutOff { width, height, bytes }),
+        true => Err(too_short(width, height, bytes)),
         false => Ok(()),
     }
 }
@@ -109,14 +45,14 @@ fn check_size(width: u32, height: u32, bits: u64, bytes: usize) -> Result<(), Pn
 ///
 /// # Errors
 /// If the bytes are not a PNG file of 16-bit gray, the file is damaged, or the picture takes more than 512 MB.
-pub(super) fn read_depth(bytes: &[u8]) -> Result<(usize, usize, Vec<u16>), PngError> {
+pub(super) fn read_depth(bytes: &[u8]) -> Result<(usize, usize, Vec<u16>), Error> {
     let limit = max_memory(bytes.len());
     let Pixels { width, height, color, buffer } = decode(bytes, limit)?;
     let samples = buffer.as_chunks::<2>().0;
     let gray = color == ColorType::Grayscale;
     if !gray || samples.len() as u64 != pixels(width, height) {
         let bits = 8 * buffer.len() as u64 / pixels(width, height).max(1);
-        return Err(PngError::NoDepth { found: format!("{color:?} of {bits} bits") });
+        bail!("expected a depth map in 16-bit gray, found {color:?} of {bits} bits");
     }
     let depths = samples.iter().map(|&sample| u16::from_be_bytes(sample)).collect();
     Ok((width as usize, height as usize, depths))
@@ -134,9 +70,9 @@ struct Pixels {
 const MAX_EXPANSION: usize = 1032;
 
 /// Decodes all samples unchanged. Fails if they would take more than `limit` bytes as a depth map.
-fn decode(bytes: &[u8], limit: usize) -> Result<Pixels, PngError> {
-    fn broken_file(reason: ::png::DecodingError) -> PngError {
-        PngError::Broken { reason: reason.to_string() }
+fn decode(bytes: &[u8], limit: usize) -> Result<Pixels, Error> {
+    fn broken_file(reason: ::png::DecodingError) -> Error {
+        unreadable("PNG", reason)
     }
     let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: MAX_BYTES });
     decoder.set_transformations(Transformations::IDENTITY);
@@ -148,7 +84,7 @@ fn decode(bytes: &[u8], limit: usize) -> Result<Pixels, PngError> {
     let bits = info.bits_per_pixel() as u64;
     let all = (depth::BYTES_PER_PIXEL as u64).saturating_mul(pixels(width, height));
     let size = reader.output_buffer_size().filter(|size| *size <= MAX_BYTES && all <= limit as u64);
-    let size = size.ok_or(PngError::TooLarge { width, height, limit })?;
+    let size = size.ok_or_else(|| too_large(width, height, limit))?;
     check_size(width, height, bits, bytes.len())?;
     let mut buffer = vec![0; size];
     let frame = reader.next_frame(&mut buffer).map_err(broken_file)?;
@@ -164,7 +100,7 @@ fn pixels(width: u32, height: u32) -> u64 {
 ///
 /// # Errors
 /// If the picture has no pixels.
-pub fn encode_rgb(image: &Image) -> Result<Vec<u8>, PngError> {
+pub fn encode_rgb(image: &Image) -> Result<Vec<u8>, Error> {
     let pixels = image.pixels().as_flattened();
     encode([image.width(), image.height()], ColorType::Rgb, BitDepth::Eight, pixels)
 }
@@ -176,10 +112,14 @@ pub fn encode_rgb(image: &Image) -> Result<Vec<u8>, PngError> {
 pub(super) fn encode_gray(
     size: [usize; 2],
     samples: impl Iterator<Item = u16>,
-) -> Result<Vec<u8>, PngError> {
+) -> Result<Vec<u8>, Error> {
     // PNG stores the high byte of a sample first.
     let samples: Vec<u8> = samples.flat_map(u16::to_be_bytes).collect();
     encode(size, ColorType::Grayscale, BitDepth::Sixteen, &samples)
+}
+
+fn wrong_size(width: usize, height: usize) -> Error {
+    Error::new(format!("a picture of {width} x {height} pixels cannot be written as PNG"))
 }
 
 fn encode(
@@ -187,10 +127,9 @@ fn encode(
     color: ColorType,
     depth: BitDepth,
     samples: &[u8],
-) -> Result<Vec<u8>, PngError> {
-    let wrong_size = PngError::Size { width, height };
+) -> Result<Vec<u8>, Error> {
     let (Ok(columns), Ok(rows)) = (u32::try_from(width), u32::try_from(height)) else {
-        return Err(wrong_size);
+        return Err(wrong_size(width, height));
     };
     let mut bytes = Vec::with_capacity(samples.len() / 2 + 1024);
     let mut encoder = Encoder::new(&mut bytes, columns, rows);
@@ -201,7 +140,7 @@ fn encode(
     let written = encoder
         .write_header()
         .and_then(|mut writer| writer.write_image_data(samples).and_then(|()| writer.finish()));
-    written.map(|()| bytes).map_err(|_| wrong_size)
+    written.map(|()| bytes).map_err(|_| wrong_size(width, height))
 }
 
 /// Writes a picture.
@@ -211,7 +150,7 @@ impl FileFormat for ImagePng {
     type Value = Image;
     const EXTENSION: &'static str = "png";
 
-    fn write(image: &Image, name: &str) -> Result<Vec<NewFile>, error::Error> {
+    fn write(image: &Image, name: &str) -> Result<Vec<NewFile>, Error> {
         Ok(NewFile::single(name, encode_rgb(image)?))
     }
 }
@@ -223,7 +162,7 @@ impl FileFormat for MaskPng {
     type Value = Mask;
     const EXTENSION: &'static str = "png";
 
-    fn write(mask: &Mask, name: &str) -> Result<Vec<NewFile>, error::Error> {
+    fn write(mask: &Mask, name: &str) -> Result<Vec<NewFile>, Error> {
         let samples: Vec<_> = mask.pixels().iter().map(|inside| inside * 255).collect();
         let size = [mask.width(), mask.height()];
         let bytes = encode(size, ColorType::Grayscale, BitDepth::Eight, &samples)?;
@@ -238,10 +177,10 @@ impl FileFormat for LabelsPng {
     type Value = Labels;
     const EXTENSION: &'static str = "png";
 
-    fn write(labels: &Labels, name: &str) -> Result<Vec<NewFile>, error::Error> {
+    fn write(labels: &Labels, name: &str) -> Result<Vec<NewFile>, Error> {
         let count = labels.statistics().len();
         if count > usize::from(u16::MAX) {
-            return Err(PngError::TooManyLabels { count }.into());
+            bail!("expected at most 65535 labels for a 16-bit picture, found {count}");
         }
         let samples = labels.pixels().iter().map(|&label| label as u16);
         let bytes = encode_gray([labels.width(), labels.height()], samples)?;
@@ -256,7 +195,7 @@ impl FileFormat for FieldPng {
     type Value = Field;
     const EXTENSION: &'static str = "png";
 
-    fn write(field: &Field, name: &str) -> Result<Vec<NewFile>, error::Error> {
+    fn write(field: &Field, name: &str) -> Result<Vec<NewFile>, Error> {
         let (min, max) = field.range().unwrap_or_default();
         let (min, max) = (f64::from(min), f64::from(max));
         let scale = if min < max { 65535.0 / (max - min) } else { 0.0 };
@@ -360,7 +299,10 @@ mod tests {
     #[test]
     fn a_picture_without_pixels_cannot_be_written() {
         let empty = Image::new(0, 0, vec![]).unwrap();
-        assert_eq!(encode_rgb(&empty), Err(PngError::Size { width: 0, height: 0 }));
+        assert_eq!(
+            encode_rgb(&empty).unwrap_err().to_string(),
+            "a picture of 0 x 0 pixels cannot be written as PNG"
+        );
     }
 
     #[test]
@@ -371,8 +313,10 @@ mod tests {
         drop(writer);
         // A file of this size could contain that many pixels.
         bytes.resize(1_000_000, 0);
-        let error = PngError::TooLarge { width: 1 << 15, height: 1 << 15, limit: 1 << 30 };
-        assert_eq!(read(&bytes), Err(error));
+        assert_eq!(
+            read(&bytes).unwrap_err().to_string(),
+            "32768 x 32768 pixels would take more than 1073741824 bytes of memory: make the picture smaller"
+        );
     }
 
     #[test]
@@ -383,8 +327,10 @@ mod tests {
         let mut writer = encoder.write_header().unwrap();
         writer.write_chunk(::png::chunk::IDAT, &[]).unwrap();
         drop(writer);
-        let error = PngError::TooLarge { width: 1 << 13, height: 1 << 13, limit: 1 << 30 };
-        assert_eq!(read_depth(&bytes), Err(error));
+        assert_eq!(
+            read_depth(&bytes).unwrap_err().to_string(),
+            "8192 x 8192 pixels would take more than 1073741824 bytes of memory: make the picture smaller"
+        );
     }
 
     #[test]
@@ -393,7 +339,8 @@ mod tests {
         let mut writer = Encoder::new(&mut bytes, 1 << 12, 1 << 12).write_header().unwrap();
         writer.write_chunk(::png::chunk::IDAT, &[]).unwrap();
         drop(writer);
-        assert!(matches!(read(&bytes), Err(PngError::CutOff { width: 4096, .. })));
+        let error = read(&bytes).unwrap_err().to_string();
+        assert!(error.starts_with("4096 x 4096 pixels do not fit in the "), "{error}");
     }
 
     #[test]

@@ -7,95 +7,14 @@
 
 use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_syntax::error;
-use maquette_value::{Attribute, Points, PointsError, RangeImage, Rgb};
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
+use maquette_value::{Attribute, Points, RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3};
-use thiserror::Error;
 
 use super::losses;
 use super::range_file::RangeFile;
-use super::{camera, check_single, excerpt, finite, parse, parse_real, words};
-
-/// Error of reading a PTX file.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum PtxError {
-    /// A line has too many or too few numbers.
-    #[error("line {line}: expected {expected} numbers, found {found}")]
-    Count {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The count of numbers in the line.
-        found: usize,
-        /// The expected count of numbers.
-        expected: usize,
-    },
-    /// A word is not a valid number.
-    #[error("line {line}: `{text}` is not a valid value")]
-    Value {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The word that is not a valid number.
-        text: String,
-    },
-    /// The transformation is not a rigid motion.
-    #[error(
-        "line {line}: the transformation is not a rotation and a translation: use `ReadPoints` instead, which applies it to the points"
-    )]
-    Pose {
-        /// The number of the transformation's first line, from 1.
-        line: usize,
-    },
-    /// The number of rows or columns is 0, or their product is too large to count.
-    #[error("line {line}: the grid of {columns} columns and {rows} rows is empty or too large")]
-    Size {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The number of columns.
-        columns: usize,
-        /// The number of rows.
-        rows: usize,
-    },
-    /// A scan has fewer points than its header states.
-    #[error("line {line}: expected {expected} points, found {found}")]
-    TooFew {
-        /// The number of the first line with points, from 1.
-        line: usize,
-        /// The number of points in the scan, or an upper bound for it that follows from the file size.
-        found: usize,
-        /// The number of points that the header states.
-        expected: usize,
-    },
-    /// The file has several scans, and none was chosen.
-    #[error(
-        "the file has {scans} scans: choose one with `scan` of `ReadRange`, from 0 to {}, or read the points of all with `ReadPoints`", scans - 1
-    )]
-    Several {
-        /// The number of scans.
-        scans: usize,
-    },
-    /// The chosen scan does not exist.
-    #[error("there is no scan {scan}: the file has {scans} scans, counted from 0")]
-    NoScan {
-        /// The index of the chosen scan, from 0.
-        scan: usize,
-        /// The number of scans in the file.
-        scans: usize,
-    },
-    /// A scan after the first one is invalid.
-    #[error("scan {scan}, {error}")]
-    InScan {
-        /// The index of the scan, from 0. Lines are counted from the start of this scan.
-        scan: usize,
-        /// The error in this scan.
-        error: Box<Self>,
-    },
-    /// The file has no point.
-    #[error("the file has no points")]
-    Empty,
-    /// The points are not valid as [`Points`].
-    #[error(transparent)]
-    Points(#[from] PointsError),
-}
+use super::{camera, check_single, count_error, excerpt, finite, parse, parse_real, words};
 
 /// Millimeters per unit of the format.
 const METER: f64 = 1000.0;
@@ -103,10 +22,14 @@ const METER: f64 = 1000.0;
 /// Reads the range grid in a PTX file with one scan, in meters. The transformation becomes the pose of the grid, unless it is the identity.
 ///
 /// Returns an error if the bytes are not a PTX file, the file is truncated, or it has several scans.
-pub fn read(bytes: &[u8]) -> Result<RangeFile, PtxError> {
+pub fn read(bytes: &[u8]) -> Result<RangeFile, Error> {
     match scans(bytes)?[..] {
         [only] => Scan::read(only)?.into_range(),
-        ref scans => Err(PtxError::Several { scans: scans.len() }),
+        ref scans => bail!(
+            "the file has {} scans: choose one with `scan` of `ReadRange`, from 0 to {}, or read the points of all with `ReadPoints`",
+            scans.len(),
+            scans.len() - 1
+        ),
     }
 }
 
@@ -114,21 +37,30 @@ pub fn read(bytes: &[u8]) -> Result<RangeFile, PtxError> {
 ///
 /// # Errors
 /// If the bytes are not a PTX file, or it has no such scan.
-pub fn scan(bytes: &[u8], scan: usize) -> Result<&[u8], PtxError> {
+pub fn scan(bytes: &[u8], scan: usize) -> Result<&[u8], Error> {
     let scans = scans(bytes)?;
-    scans.get(scan).copied().ok_or(PtxError::NoScan { scan, scans: scans.len() })
+    let Some(found) = scans.get(scan) else {
+        let scans = scans.len();
+        bail!("there is no scan {scan}: the file has {scans} scans, counted from 0");
+    };
+    Ok(found)
+}
+
+/// Adds the index of the scan, from 0, to an error after the first scan. The lines of the error are counted from the start of the scan.
+fn in_scan(scan: usize, error: Error) -> Error {
+    match scan {
+        0 => error,
+        scan => Error::new(format!("scan {scan}, {error}")),
+    }
 }
 
 /// Splits a file into its scans, which are found by their headers. The last scan may be truncated.
-fn scans(bytes: &[u8]) -> Result<Vec<&[u8]>, PtxError> {
+fn scans(bytes: &[u8]) -> Result<Vec<&[u8]>, Error> {
     let mut scans = Vec::new();
     let mut rest = bytes;
     loop {
-        let in_scan = |error| match scans.len() {
-            0 => error,
-            scan => PtxError::InScan { scan, error: Box::new(error) },
-        };
-        let lines = Header::read(&mut lines(rest)).map_err(in_scan)?.cells().map_err(in_scan)?;
+        let lines = Header::read(&mut lines(rest)).and_then(|header| header.cells());
+        let lines = lines.map_err(|error| in_scan(scans.len(), error))?;
         let lines = Header::LINES.saturating_add(lines);
         fn is_full(line: &[u8]) -> bool {
             words(line).next().is_some()
@@ -172,7 +104,7 @@ struct Header {
 impl Header {
     const LINES: usize = 10;
 
-    fn read<'a>(lines: &mut impl Iterator<Item = Line<'a>>) -> Result<Self, PtxError> {
+    fn read<'a>(lines: &mut impl Iterator<Item = Line<'a>>) -> Result<Self, Error> {
         let mut next = |expected: usize| numbers(lines.next().unwrap_or_default(), expected);
         let [columns, rows] = [next(1)?, next(1)?].map(|size| size[0]);
         for _ in 0..4 {
@@ -182,10 +114,13 @@ impl Header {
         Ok(Self { columns: size(columns, 1)?, rows: size(rows, 2)?, transformation })
     }
 
-    fn cells(&self) -> Result<usize, PtxError> {
+    fn cells(&self) -> Result<usize, Error> {
         let Self { columns, rows, .. } = *self;
         let cells = columns.checked_mul(rows).filter(|&cells| cells > 0);
-        cells.ok_or(PtxError::Size { line: 1, columns, rows })
+        let Some(cells) = cells else {
+            bail!("line 1: the grid of {columns} columns and {rows} rows is empty or too large");
+        };
+        Ok(cells)
     }
 }
 
@@ -200,21 +135,20 @@ struct Scan {
 }
 
 impl Scan {
-    fn read(bytes: &[u8]) -> Result<Self, PtxError> {
+    fn read(bytes: &[u8]) -> Result<Self, Error> {
         let mut lines = lines(bytes);
         let header = Header::read(&mut lines)?;
         let (columns, rows, cells) = (header.columns, header.rows, header.cells()?);
         // Each line has at least four numbers, each of which takes at least a digit and a blank.
         if bytes.len() / 8 < cells {
-            return Err(PtxError::TooFew { line: 11, found: bytes.len() / 8, expected: cells });
+            return Err(too_few_points(cells, bytes.len() / 8));
         }
         let nowhere = Point3::new(f64::NAN, f64::NAN, f64::NAN);
         let mut points = vec![nowhere; cells];
         let mut intensities = vec![0.0; cells];
         let mut colors: Vec<Rgb> = Vec::new();
         for index in 0..cells {
-            let line =
-                lines.next().ok_or(PtxError::TooFew { line: 11, found: index, expected: cells })?;
+            let line = lines.next().ok_or_else(|| too_few_points(cells, index))?;
             // In the file, the bottom cell of the first column comes first.
             let cell = (rows - 1 - index % rows) * columns + index / rows;
             let ([x, y, z, intensity], color) = read_point(line)?;
@@ -232,7 +166,7 @@ impl Scan {
         Ok(Self { header, points, intensities, colors })
     }
 
-    fn into_range(self) -> Result<RangeFile, PtxError> {
+    fn into_range(self) -> Result<RangeFile, Error> {
         let (columns, rows) = (self.header.columns, self.header.rows);
         // Programs that do not measure intensities write a constant.
         let is_constant = self.intensities.windows(2).all(|pair| pair[0] == pair[1]);
@@ -254,14 +188,11 @@ impl Scan {
 ///
 /// The attribute `intensity` has the values in the file. If any scan has colors, the points get the attribute `color`, which is black for
 /// scans without colors.
-fn read_points(bytes: &[u8]) -> Result<(Points, usize), PtxError> {
+fn read_points(bytes: &[u8]) -> Result<(Points, usize), Error> {
     let (mut positions, mut intensities, mut colors) = (Vec::new(), Vec::new(), Vec::new());
     let mut left_out = 0;
     for (number, bytes) in scans(bytes)?.into_iter().enumerate() {
-        let scan = Scan::read(bytes).map_err(|error| match number {
-            0 => error,
-            scan => PtxError::InScan { scan, error: Box::new(error) },
-        })?;
+        let scan = Scan::read(bytes).map_err(|error| in_scan(number, error))?;
         let rows = scan.header.transformation;
         let motion = Matrix4::from_fn(|row, column| rows[column][row]);
         for (cell, point) in scan.points.iter().enumerate() {
@@ -279,7 +210,7 @@ fn read_points(bytes: &[u8]) -> Result<(Points, usize), PtxError> {
         }
     }
     if positions.is_empty() {
-        return Err(PtxError::Empty);
+        bail!("the file has no points");
     }
     if !colors.is_empty() {
         colors.resize(positions.len(), [0; 3]);
@@ -299,59 +230,67 @@ impl FileReader for PointsPtx {
     const EXTENSIONS: &'static [&'static str] = &["ptx"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
-    fn read(file: &InputFile<'_>) -> Result<Points, error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         let (points, left_out) = read_points(file.bytes())?;
         finite::warn_left_out(file, left_out, "point");
         Ok(points)
     }
 }
 
-fn size(number: f64, line: usize) -> Result<usize, PtxError> {
+fn size(number: f64, line: usize) -> Result<usize, Error> {
     let is_index = 0.0 <= number && number <= u32::MAX.into() && number.fract() == 0.0;
-    fn wrong(line: usize, number: f64) -> PtxError {
-        PtxError::Value { line, text: number.to_string() }
+    if !is_index {
+        bail!("line {line}: `{number}` is not a valid value");
     }
-    if is_index { Ok(number as usize) } else { Err(wrong(line, number)) }
+    Ok(number as usize)
+}
+
+fn too_few_points(expected: usize, found: usize) -> Error {
+    Error::new(format!("line 11: expected {expected} points, found {found}"))
+}
+
+fn value_error(line: usize, word: &[u8]) -> Error {
+    Error::new(format!("line {line}: `{}` is not a valid value", excerpt(word)))
 }
 
 /// Reads the numbers of a line.
-fn numbers((text, line): Line<'_>, expected: usize) -> Result<[f64; 4], PtxError> {
+fn numbers((text, line): Line<'_>, expected: usize) -> Result<[f64; 4], Error> {
     let mut numbers = [0.0; 4];
     let mut found = 0;
     for word in words(text) {
-        let number = parse(word).ok_or_else(|| PtxError::Value { line, text: excerpt(word) })?;
+        let number = parse(word).ok_or_else(|| value_error(line, word))?;
         if let Some(place) = numbers.get_mut(found) {
             *place = number;
         }
         found += 1;
     }
-    if found == expected { Ok(numbers) } else { Err(PtxError::Count { line, found, expected }) }
+    if found == expected { Ok(numbers) } else { Err(count_error(line, expected, found)) }
 }
 
 /// Reads the line of a cell: x y z intensity, and red green blue if the cell has a color.
-fn read_point((text, line): Line<'_>) -> Result<([f64; 4], Option<Rgb>), PtxError> {
+fn read_point((text, line): Line<'_>) -> Result<([f64; 4], Option<Rgb>), Error> {
     let mut words = words(text);
     let mut point = [0.0; 4];
     for (found, number) in point.iter_mut().enumerate() {
-        let word = words.next().ok_or(PtxError::Count { line, found, expected: 4 })?;
-        *number = parse_real(word).ok_or_else(|| PtxError::Value { line, text: excerpt(word) })?;
+        let word = words.next().ok_or_else(|| count_error(line, 4, found))?;
+        *number = parse_real(word).ok_or_else(|| value_error(line, word))?;
     }
     let mut color = [0; 3];
     let mut found = 0;
     for word in words {
-        let channel = parse(word).ok_or_else(|| PtxError::Value { line, text: excerpt(word) })?;
-        *color.get_mut(found).ok_or(PtxError::Count { line, found: 8, expected: 7 })? = channel;
+        let channel = parse(word).ok_or_else(|| value_error(line, word))?;
+        *color.get_mut(found).ok_or_else(|| count_error(line, 7, 8))? = channel;
         found += 1;
     }
     match found {
         0 => Ok((point, None)),
         3 => Ok((point, Some(color))),
-        _ => Err(PtxError::Count { line, found: 4 + found, expected: 7 }),
+        _ => Err(count_error(line, 7, 4 + found)),
     }
 }
 
 /// Converts a transformation in meters that multiplies row vectors to a pose in mm. Returns `None` for the identity.
-fn pose(rows: &[[f64; 4]; 4]) -> Result<Option<Matrix4<f64>>, PtxError> {
+fn pose(rows: &[[f64; 4]; 4]) -> Result<Option<Matrix4<f64>>, Error> {
     fn unit(row: usize) -> f64 {
         if row < 3 { METER } else { 1.0 }
     }
@@ -361,7 +300,12 @@ fn pose(rows: &[[f64; 4]; 4]) -> Result<Option<Matrix4<f64>>, PtxError> {
     if pose == Matrix4::identity() {
         return Ok(None);
     }
-    if camera::is_rigid(&pose) { Ok(Some(pose)) } else { Err(PtxError::Pose { line: 7 }) }
+    if !camera::is_rigid(&pose) {
+        bail!(
+            "line 7: the transformation is not a rotation and a translation: use `ReadPoints` instead, which applies it to the points"
+        );
+    }
+    Ok(Some(pose))
 }
 
 /// Writes a range image as a PTX file in meters, with its colors and a constant intensity.
@@ -371,7 +315,7 @@ impl FileFormat for RangePtx {
     type Value = RangeImage;
     const EXTENSION: &'static str = "ptx";
 
-    fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, error::Error> {
+    fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, Error> {
         check_single("cell", range.points())?;
         Ok(NewFile::single(name, encode(range)))
     }
@@ -440,7 +384,10 @@ mod tests {
         let again = read(&encode(&range)).unwrap().range;
         assert_eq!(again.world_from_camera(), Some(&pose));
         let bent = text.replace("-1 0 0 0", "-2 0 0 0");
-        assert_eq!(read(bent.as_bytes()).unwrap_err(), PtxError::Pose { line: 7 });
+        assert_eq!(
+            read(bent.as_bytes()).unwrap_err().to_string(),
+            "line 7: the transformation is not a rotation and a translation: use `ReadPoints` instead, which applies it to the points"
+        );
     }
 
     fn error(from: &str, to: &str) -> String {
@@ -481,11 +428,17 @@ mod tests {
         assert_eq!(points.attributes().get("intensity"), Some(&intensities));
         assert_eq!(points.attributes().colors("color").unwrap()[..], [[0; 3], [9, 8, 7]]);
         assert_eq!(left_out, 0);
-        assert_eq!(read(text.as_bytes()).unwrap_err(), PtxError::Several { scans: 2 });
+        assert_eq!(
+            read(text.as_bytes()).unwrap_err().to_string(),
+            "the file has 2 scans: choose one with `scan` of `ReadRange`, from 0 to 1, or read the points of all with `ReadPoints`"
+        );
         let second = read(scan(text.as_bytes(), 1).unwrap()).unwrap().range;
         assert_eq!(second.point(1), Some(Point3::new(1.0, 0.0, 5.0)));
         assert_eq!(second.world_from_camera().unwrap()[(0, 3)], 10_000.0);
-        assert_eq!(scan(text.as_bytes(), 2), Err(PtxError::NoScan { scan: 2, scans: 2 }));
+        assert_eq!(
+            scan(text.as_bytes(), 2).unwrap_err().to_string(),
+            "there is no scan 2: the file has 2 scans, counted from 0"
+        );
         let cut = text.strip_suffix("0 0 0 0.5\n").unwrap();
         let cut = read_points(cut.as_bytes()).unwrap_err().to_string();
         assert_eq!(cut, "scan 1, line 11: expected 2 points, found 1");

@@ -1,10 +1,9 @@
 //! Reads range grids from files of any format, and converts them to x right, y down, z away from the sensor, mm, row 0 on top.
 
 use maquette_node::importers::{FileReader, InputFile};
-use maquette_syntax::error;
+use maquette_syntax::error::Error;
 use maquette_value::{RangeImage, SizeError};
 use nalgebra::{Matrix4, Point3};
-use thiserror::Error;
 
 use super::camera::{self, CameraFile};
 use super::{abs, depth, pcd, ply, ptx};
@@ -42,15 +41,12 @@ pub enum Rows {
     ByHeight,
 }
 
-/// The format of a file is not supported.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("cannot read a range grid from `.{ending}`: expected one of {}", extensions())]
-pub struct UnknownExtension {
-    /// The file extension, without the dot.
-    pub ending: String,
-}
+/// The error that no range file has this extension (without the dot).
+#[derive(Debug, thiserror::Error)]
+#[error("cannot read a range grid from `.{}`: expected one of {}", .0, extensions())]
+pub struct UnknownExtension(String);
 
-type Reader = fn(&[u8], Option<&CameraFile>) -> Result<RangeFile, error::Error>;
+type Reader = fn(&[u8], Option<&CameraFile>) -> Result<RangeFile, Error>;
 
 /// The extensions of range files, each with its reader.
 const READERS: &[(&str, Reader)] = &[
@@ -58,13 +54,13 @@ const READERS: &[(&str, Reader)] = &[
         let (range, notes) = pcd::read_range(bytes)?;
         Ok(RangeFile { notes, ..range.into() })
     }),
-    ("ply", |bytes, _| Ok(ply::read_range(bytes)?)),
-    ("ptx", |bytes, _| Ok(ptx::read(bytes)?)),
-    ("abs", |bytes, _| Ok(abs::read(bytes)?)),
-    ("png", |bytes, camera| Ok(depth::read(bytes, camera)?)),
-    ("tiff", |bytes, camera| Ok(depth::read(bytes, camera)?)),
-    ("tif", |bytes, camera| Ok(depth::read(bytes, camera)?)),
-    ("exr", |bytes, camera| Ok(depth::read(bytes, camera)?)),
+    ("ply", |bytes, _| ply::read_range(bytes)),
+    ("ptx", |bytes, _| ptx::read(bytes)),
+    ("abs", |bytes, _| abs::read(bytes)),
+    ("png", depth::read),
+    ("tiff", depth::read),
+    ("tif", depth::read),
+    ("exr", depth::read),
 ];
 
 fn extensions() -> String {
@@ -75,13 +71,9 @@ fn extensions() -> String {
 /// depth map needs `camera`.
 ///
 /// Returns an error if the extension is unknown, the bytes are not such a file, or a depth map has no camera.
-pub fn read(
-    bytes: &[u8],
-    ending: &str,
-    camera: Option<&CameraFile>,
-) -> Result<RangeFile, error::Error> {
+pub fn read(bytes: &[u8], ending: &str, camera: Option<&CameraFile>) -> Result<RangeFile, Error> {
     let reader = READERS.iter().find(|reader| reader.0 == ending);
-    let (_, read) = reader.ok_or_else(|| UnknownExtension { ending: ending.to_owned() })?;
+    let (_, read) = reader.ok_or_else(|| UnknownExtension(ending.to_owned()))?;
     read(bytes, camera)
 }
 
@@ -161,7 +153,7 @@ impl FileReader for RangeFiles {
     const EXTENSIONS: &'static [&'static str] =
         &["pcd", "ply", "ptx", "abs", "png", "tiff", "tif", "exr"];
 
-    fn read(file: &InputFile<'_>) -> Result<RangeImage, error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<RangeImage, Error> {
         let camera = file.companion(camera::NAME).ok();
         let camera = camera.map(|bytes| camera::read(&bytes)).transpose()?;
         let range = read(file.bytes(), &file.extension(), camera.as_ref())?;

@@ -7,21 +7,12 @@
 use std::fmt::Write;
 
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_syntax::error;
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::{KnotVector, Surface};
 use nalgebra::{Point3, Vector4};
-use thiserror::Error;
 
 use super::upright::upright_surface;
-
-/// Error of writing a surface as STEP.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub(super) enum StepError {
-    #[error("the weight of control point ({row}, {column}) is 0, which STEP does not allow")]
-    Weight { row: usize, column: usize },
-    #[error("the surface is too large: a point of its edges is not finite")]
-    NotFinite,
-}
 
 /// Writes a rational B-spline surface.
 pub(super) struct SurfaceStep;
@@ -30,7 +21,7 @@ impl FileFormat for SurfaceStep {
     type Value = Surface;
     const EXTENSION: &'static str = "step";
 
-    fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, error::Error> {
+    fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, Error> {
         Ok(NewFile::single(name, encode(&*upright_surface(surface)?)?))
     }
 }
@@ -38,10 +29,11 @@ impl FileFormat for SurfaceStep {
 /// Two end points of edges count as equal if they are closer than this fraction of the control net's size. This allows for rounding.
 const RELATIVE_TOLERANCE: f64 = 1e-9;
 
-fn encode(surface: &Surface) -> Result<Vec<u8>, StepError> {
+fn encode(surface: &Surface) -> Result<Vec<u8>, Error> {
     let columns = surface.net().columns();
     if let Some(zero) = surface.net().weights().iter().position(|&weight| weight == 0.0) {
-        return Err(StepError::Weight { row: zero / columns, column: zero % columns });
+        let (row, column) = (zero / columns, zero % columns);
+        bail!("the weight of control point ({row}, {column}) is 0, which STEP does not allow");
     }
     let mut file = File::default();
     let context = file.preamble();
@@ -209,7 +201,7 @@ struct Bounds<'a> {
 }
 
 impl<'a> Bounds<'a> {
-    fn new(surface: &'a Surface) -> Result<Self, StepError> {
+    fn new(surface: &'a Surface) -> Result<Self, Error> {
         let net = surface.net();
         let control = |row: usize, column: usize| {
             let index = row * net.columns() + column;
@@ -311,7 +303,7 @@ fn side(
     (first, values): (usize, Vec<f64>),
     control: impl Fn(usize, usize) -> Vector4<f64>,
     ends: [Point3<f64>; 2],
-) -> Result<Side, StepError> {
+) -> Result<Side, Error> {
     let (points, weights): (Vec<_>, Vec<_>) = (0..lines)
         .map(|line| {
             let terms = values.iter().zip(first..).filter(|(value, _)| **value != 0.0);
@@ -323,7 +315,7 @@ fn side(
     if points.iter().chain(&ends).all(|point| point.coords.iter().all(|x| x.is_finite())) {
         Ok(Side { points, weights, ends })
     } else {
-        Err(StepError::NotFinite)
+        bail!("the surface is too large: a point of its edges is not finite")
     }
 }
 
@@ -412,7 +404,7 @@ mod tests {
     fn a_zero_weight_is_rejected() {
         let mut weights = vec![1.0; 12];
         weights[6] = 0.0;
-        let error = encode(&patch(Some(weights))).unwrap_err();
-        assert_eq!(error, StepError::Weight { row: 1, column: 2 });
+        let error = encode(&patch(Some(weights))).unwrap_err().to_string();
+        assert_eq!(error, "the weight of control point (1, 2) is 0, which STEP does not allow");
     }
 }

@@ -5,94 +5,16 @@ use std::collections::HashMap;
 
 use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_syntax::error;
-use maquette_value::{Attribute, Mesh, MeshError, Rgb};
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
+use maquette_value::{Attribute, Mesh, Rgb};
 use nalgebra::{Point3, Vector3};
-use thiserror::Error;
 
 use super::corners::FaceList;
 use super::losses;
 use super::rows::floats;
 use super::upright::upright;
-use super::{
-    CoordinateOverflow, check_mesh, excerpt, finite, mesh_precision_note, open_mesh_note,
-    parse_real, words,
-};
-
-/// Error of reading or writing an STL file.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum StlError {
-    /// The file is not STL.
-    #[error(
-        "this is not an STL file: expected a text that begins with `solid`, or a header of 84 bytes and 50 bytes per triangle, found {bytes} bytes"
-    )]
-    NotStl {
-        /// The length of the file, in bytes.
-        bytes: usize,
-    },
-    /// The length of a binary file does not match its header.
-    #[error(
-        "the header states {triangles} triangles, which take {} bytes, but the file has {bytes} bytes: it is {}, or not an STL file",
-        84 + TRIANGLE as u64 * u64::from(*triangles),
-        if (*bytes as u64) < 84 + TRIANGLE as u64 * u64::from(*triangles) { "truncated" } else { "damaged" }
-    )]
-    Length {
-        /// The length of the file, in bytes.
-        bytes: usize,
-        /// The number of triangles that the header states.
-        triangles: u32,
-    },
-    /// A line has an unexpected word.
-    #[error("line {line}: expected `{wanted}`, found `{text}`")]
-    Word {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The word that was found.
-        text: String,
-        /// The word that was expected.
-        wanted: &'static str,
-    },
-    /// A corner is not three numbers.
-    #[error("line {line}: expected a vertex of three numbers, found `{text}`")]
-    Vertex {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The text that was found.
-        text: String,
-    },
-    /// A facet is not a triangle.
-    #[error("line {line}: expected three vertices in a facet, found {found}")]
-    Facet {
-        /// The number of the last line of the facet, from 1.
-        line: usize,
-        /// The number of vertices in the facet.
-        found: usize,
-    },
-    /// The file ends inside a facet.
-    #[error("line {line}: the file ends inside a facet")]
-    Ends {
-        /// The number of the last line of the file, from 1.
-        line: usize,
-    },
-    /// The file ends without `endsolid`.
-    #[error("line {line}: the file ends without `endsolid`: it is truncated")]
-    Open {
-        /// The number of the last line of the file, from 1.
-        line: usize,
-    },
-    /// The vertices and faces are not a valid mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// A coordinate is too large for the format.
-    #[error(transparent)]
-    Coordinate(#[from] CoordinateOverflow),
-    /// There are too many triangles.
-    #[error("an STL file cannot store {triangles} triangles")]
-    TooLarge {
-        /// The number of triangles.
-        triangles: usize,
-    },
-}
+use super::{check_mesh, excerpt, finite, mesh_precision_note, open_mesh_note, parse_real, words};
 
 /// Reads the mesh in an STL file, text or binary. Corners with bitwise equal positions become one vertex, in the order of first use.
 /// Degenerate triangles are left out, as are those with a corner that is NaN or infinite. Normals are ignored: the order of the corners
@@ -100,12 +22,12 @@ pub enum StlError {
 ///
 /// # Errors
 /// If the bytes are not an STL file.
-pub fn read(bytes: &[u8]) -> Result<Mesh, StlError> {
+pub fn read(bytes: &[u8]) -> Result<Mesh, Error> {
     Ok(read_with_notes(bytes)?.0)
 }
 
 /// Reads a mesh like [`read`]. Also returns warnings about data that are left out or ambiguous.
-fn read_with_notes(bytes: &[u8]) -> Result<(Mesh, Vec<String>), StlError> {
+fn read_with_notes(bytes: &[u8]) -> Result<(Mesh, Vec<String>), Error> {
     let (mut corners, mut notes) = (Corners::default(), Vec::new());
     let stated = bytes.get(80..84).and_then(|count| count.first_chunk());
     let stated = stated.map(|count| u32::from_le_bytes(*count));
@@ -145,13 +67,17 @@ fn read_with_notes(bytes: &[u8]) -> Result<(Mesh, Vec<String>), StlError> {
         let bytes = bytes.len();
         // If the count in the header is close to the right one, the file is probably a truncated STL file: a file of another kind would
         // hardly have such a number at this position.
-        return Err(
-            match stated.filter(|&count| {
-                room.is_multiple_of(TRIANGLE) || expected_size(count) / MAX_MISSING_FACTOR <= bytes
-            }) {
-                Some(triangles) => StlError::Length { bytes, triangles },
-                None => StlError::NotStl { bytes },
-            },
+        let Some(triangles) = stated.filter(|&count| {
+            room.is_multiple_of(TRIANGLE) || expected_size(count) / MAX_MISSING_FACTOR <= bytes
+        }) else {
+            bail!(
+                "this is not an STL file: expected a text that begins with `solid`, or a header of 84 bytes and 50 bytes per triangle, found {bytes} bytes"
+            );
+        };
+        let expected = 84 + TRIANGLE as u64 * u64::from(triangles);
+        let defect = if (bytes as u64) < expected { "truncated" } else { "damaged" };
+        bail!(
+            "the header states {triangles} triangles, which take {expected} bytes, but the file has {bytes} bytes: it is {defect}, or not an STL file"
         );
     }
     notes.extend(corners.faces.notes());
@@ -230,7 +156,7 @@ impl Corners {
 
 /// Reads a text file: the lines `facet normal ..`, `outer loop`, three `vertex x y z`, `endloop`, `endfacet`, between `solid` and
 /// `endsolid`.
-fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
+fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), Error> {
     let mut facet: Option<Vec<[f64; 3]>> = None;
     let (mut last, mut is_open) = (1, true);
     // Very old programs end lines with CR alone.
@@ -239,8 +165,13 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
         let mut words = words(text);
         let Some(first) = words.next() else { continue };
         last = line;
-        fn word_error(wanted: &'static str, line: usize, text: &[u8]) -> StlError {
-            StlError::Word { line, text: excerpt(text.trim_ascii()), wanted }
+        fn word_error(wanted: &str, line: usize, text: &[u8]) -> Error {
+            let text = excerpt(text.trim_ascii());
+            Error::new(format!("line {line}: expected `{wanted}`, found `{text}`"))
+        }
+        fn vertex_error(line: usize, text: &[u8]) -> Error {
+            let text = excerpt(text.trim_ascii());
+            Error::new(format!("line {line}: expected a vertex of three numbers, found `{text}`"))
         }
         let mut first = first.to_ascii_lowercase();
         // Some programs write `end loop`.
@@ -256,14 +187,13 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
                 let mut position = [0.0; 3];
                 let mut found = 0;
                 for word in words {
-                    let vertex_error =
-                        || StlError::Vertex { line, text: excerpt(text.trim_ascii()) };
-                    let number: f32 = parse_real(word).ok_or_else(vertex_error)?;
-                    *position.get_mut(found).ok_or_else(vertex_error)? = number.into();
+                    let number: f32 = parse_real(word).ok_or_else(|| vertex_error(line, text))?;
+                    let coordinate = position.get_mut(found);
+                    *coordinate.ok_or_else(|| vertex_error(line, text))? = number.into();
                     found += 1;
                 }
                 if found < 3 {
-                    return Err(StlError::Vertex { line, text: excerpt(text.trim_ascii()) });
+                    return Err(vertex_error(line, text));
                 }
                 facet.push(position);
             }
@@ -272,7 +202,10 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
                     corners.push([a, b, c], None);
                     facet = None;
                 }
-                _ => return Err(StlError::Facet { line, found: vertices.len() }),
+                _ => {
+                    let found = vertices.len();
+                    bail!("line {line}: expected three vertices in a facet, found {found}")
+                }
             },
             (_, None) => return Err(word_error("facet", line, text)),
             (_, Some(vertices)) => {
@@ -285,8 +218,8 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
         }
     }
     match facet {
-        Some(_) => Err(StlError::Ends { line: last }),
-        None if is_open => Err(StlError::Open { line: last }),
+        Some(_) => bail!("line {last}: the file ends inside a facet"),
+        None if is_open => bail!("line {last}: the file ends without `endsolid`: it is truncated"),
         None => Ok(()),
     }
 }
@@ -299,7 +232,7 @@ impl FileFormat for MeshStl {
     const EXTENSION: &'static str = "stl";
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::STL;
 
-    fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
+    fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         Ok(NewFile::single(name, encode(&*upright(mesh)?)?))
     }
 
@@ -312,10 +245,12 @@ impl FileFormat for MeshStl {
     }
 }
 
-fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
+fn encode(mesh: &Mesh) -> Result<Vec<u8>, Error> {
     check_mesh(mesh)?;
     let triangles: usize = mesh.faces().iter().map(|face| face.len() - 2).sum();
-    let count = u32::try_from(triangles).map_err(|_| StlError::TooLarge { triangles })?;
+    let Ok(count) = u32::try_from(triangles) else {
+        bail!("an STL file cannot store {triangles} triangles");
+    };
     let mut bytes = Vec::with_capacity(84 + TRIANGLE * triangles);
     bytes.extend_from_slice(b"binary STL of maquette, mm");
     bytes.resize(80, b' ');
@@ -337,7 +272,7 @@ impl FileReader for MeshStl {
     const EXTENSIONS: &'static [&'static str] = &["stl"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::STL_READ;
 
-    fn read(file: &InputFile<'_>) -> Result<Mesh, error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Mesh, Error> {
         let (mesh, notes) = read_with_notes(file.bytes())?;
         notes.into_iter().for_each(|note| file.warn(note));
         Ok(mesh)
@@ -398,7 +333,7 @@ mod tests {
     #[test]
     fn a_wrong_count_gives_a_warning_and_all_triangles_are_read() {
         let square = binary();
-        fn with_count(count: u32, more: &[u8], square: &[u8]) -> Result<(usize, String), StlError> {
+        fn with_count(count: u32, more: &[u8], square: &[u8]) -> Result<(usize, String), Error> {
             let mut bytes = [square, more].concat();
             bytes[80..84].copy_from_slice(&count.to_le_bytes());
             read_with_notes(&bytes).map(|(mesh, notes)| (mesh.faces().len(), notes.join("; ")))
@@ -447,7 +382,7 @@ mod tests {
     fn ends_may_be_two_words_and_lines_may_end_in_cr() {
         let text = TEXT.replace("endloop", "end loop").replace("endfacet", "end facet");
         let text = text.replace("endsolid", "end solid").replace('\n', "\r");
-        assert_eq!(read(text.as_bytes()), read(TEXT.as_bytes()));
+        assert_eq!(read(text.as_bytes()).unwrap(), read(TEXT.as_bytes()).unwrap());
     }
 
     #[test]
@@ -481,7 +416,8 @@ mod tests {
         assert_eq!(read(&cut).unwrap_err().to_string(), message);
         // In this text, the four bytes at the position of the count are letters.
         let text = b"a text that is no file of triangles, but has as many letters as their header would take".repeat(2);
-        assert!(matches!(read(&text), Err(StlError::NotStl { .. })));
+        let message = read(&text).unwrap_err().to_string();
+        assert!(message.starts_with("this is not an STL file"), "{message}");
         assert_eq!(
             error("   vertex 1 0 0\n", ""),
             "line 7: expected three vertices in a facet, found 2"
@@ -497,7 +433,8 @@ mod tests {
         assert_eq!(error("vertex 1 0 0", "vortex"), "line 5: expected `vertex`, found `vortex`");
         assert_eq!(error("facet normal 0 0 1", "side"), "line 2: expected `facet`, found `side`");
         let start = &TEXT[..TEXT.find("endloop").unwrap()];
-        assert_eq!(read(start.as_bytes()).unwrap_err(), StlError::Ends { line: 6 });
+        let message = read(start.as_bytes()).unwrap_err().to_string();
+        assert_eq!(message, "line 6: the file ends inside a facet");
     }
 
     #[test]

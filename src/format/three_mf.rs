@@ -10,10 +10,10 @@ use std::fmt::Write;
 
 use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_syntax::error;
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::{Material, Mesh, Rgb};
 use nalgebra::Point3;
-use thiserror::Error;
 
 use super::losses;
 use super::upright::upright;
@@ -21,13 +21,6 @@ use super::{check_mesh, mesh_precision_note, open_mesh_note, png, zip};
 
 mod model;
 mod read;
-
-/// Error of writing a mesh as 3MF.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub(super) enum ThreeMfError {
-    #[error("a mesh without faces cannot be written as 3MF")]
-    Empty,
-}
 
 /// Writes a mesh with its texture, or its vertex colors; polygons are triangulated.
 pub(super) struct MeshThreeMf;
@@ -37,7 +30,7 @@ impl FileFormat for MeshThreeMf {
     const EXTENSION: &'static str = "3mf";
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::THREE_MF;
 
-    fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
+    fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         Ok(NewFile::single(name, encode(&*upright(mesh)?)?))
     }
 
@@ -55,7 +48,7 @@ impl FileReader for MeshThreeMf {
     const EXTENSIONS: &'static [&'static str] = &["3mf"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::THREE_MF_READ;
 
-    fn read(file: &InputFile<'_>) -> Result<Mesh, error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Mesh, Error> {
         let (mesh, notes) = read::read(file.bytes())?;
         notes.into_iter().for_each(|note| file.warn(note));
         Ok(mesh)
@@ -82,9 +75,9 @@ fn relation(target: &str, kind: &str) -> String {
     )
 }
 
-fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
+fn encode(mesh: &Mesh) -> Result<Vec<u8>, Error> {
     let Some((low, high)) = mesh.bounds().filter(|_| !mesh.faces().is_empty()) else {
-        return Err(ThreeMfError::Empty.into());
+        bail!("a mesh without faces cannot be written as 3MF");
     };
     check_mesh(mesh)?;
     let look = Appearance::new(mesh);
@@ -107,7 +100,7 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
         files.push(("3D/_rels/3dmodel.model.rels", textures.as_bytes()));
         files.push(("3D/Textures/texture.png", &picture));
     }
-    Ok(zip::archive(&files)?)
+    zip::archive(&files)
 }
 
 /// The appearance of the faces: a list of distinct entries, and for each corner the index of its entry.

@@ -2,52 +2,15 @@
 
 use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_syntax::error;
-use maquette_value::{Attribute, Points, PointsError, RangeImage, Rgb};
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
+use maquette_value::{Attribute, Points, RangeImage, Rgb};
 use nalgebra::Point3;
-use thiserror::Error;
 
 use super::colors::{self, ColorRange};
 use super::finite::{self, FiniteMask};
 use super::losses;
-use super::{check_single, excerpt, parse_real, precision_note, words};
-
-/// Error of reading points from an XYZ file.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum XyzError {
-    /// A word is not a number.
-    #[error("line {line}: `{text}` is not a number")]
-    Number {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The word that is not a number.
-        text: String,
-    },
-    /// A line has too many or too few numbers.
-    #[error("line {line}: expected {expected} numbers, found {found}")]
-    Count {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The count of numbers in the line.
-        found: usize,
-        /// The expected count: that of the first line, or at least three.
-        expected: String,
-    },
-    /// A number has a decimal comma.
-    #[error("line {line}: `{text}` has a decimal comma: use a point instead")]
-    DecimalComma {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The number with the comma.
-        text: String,
-    },
-    /// The file has no points.
-    #[error("the file has no points")]
-    Empty,
-    /// The points are not valid as [`Points`].
-    #[error(transparent)]
-    Points(#[from] PointsError),
-}
+use super::{check_single, count_error, excerpt, not_a_number, parse_real, precision_note, words};
 
 /// Reads the points in an XYZ file.
 ///
@@ -60,7 +23,7 @@ pub enum XyzError {
 /// Points with NaN or infinite coordinates are left out.
 ///
 /// Returns an error if a word is not a number, lines have different counts of numbers, or there is no point.
-pub fn read(bytes: &[u8]) -> Result<Points, XyzError> {
+pub fn read(bytes: &[u8]) -> Result<Points, Error> {
     Ok(read_with_notes(bytes, None)?.0)
 }
 
@@ -68,7 +31,7 @@ pub fn read(bytes: &[u8]) -> Result<Points, XyzError> {
 fn read_with_notes(
     bytes: &[u8],
     colors: Option<ColorRange>,
-) -> Result<(Points, Vec<String>), XyzError> {
+) -> Result<(Points, Vec<String>), Error> {
     let mut table = Table::default();
     // Very old programs end lines with CR alone.
     let end = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
@@ -79,7 +42,7 @@ fn read_with_notes(
     let mut notes = Vec::new();
     let count = table.numbers.len() / table.columns.max(1);
     if count == 0 {
-        return Err(XyzError::Empty);
+        bail!("the file has no points");
     }
     if let Some(stated) = table.stated_count.filter(|stated| *stated != count as f64) {
         notes.push(format!("the first line states {stated} points, but there are {count}"));
@@ -144,7 +107,7 @@ struct Table {
 }
 
 impl Table {
-    fn read_line(&mut self, text: &[u8], line: usize) -> Result<(), XyzError> {
+    fn read_line(&mut self, text: &[u8], line: usize) -> Result<(), Error> {
         let is_first = self.columns == 0;
         if is_first && self.names.is_empty() {
             self.names = names(text).unwrap_or_default();
@@ -161,11 +124,10 @@ impl Table {
             3.. if is_first => self.columns = found,
             _ if found == self.columns => {}
             _ => {
-                let expected = match self.columns {
-                    0 => "at least 3".to_owned(),
-                    columns => columns.to_string(),
-                };
-                return Err(XyzError::Count { line, found, expected });
+                return Err(match self.columns {
+                    0 => count_error(line, "at least 3", found),
+                    columns => count_error(line, columns, found),
+                });
             }
         }
         Ok(())
@@ -320,7 +282,7 @@ fn names(text: &[u8]) -> Option<Vec<String>> {
 }
 
 /// Appends the numbers of a line to `numbers`.
-fn read_numbers(text: &[u8], line: usize, numbers: &mut Vec<f64>) -> Result<(), XyzError> {
+fn read_numbers(text: &[u8], line: usize, numbers: &mut Vec<f64>) -> Result<(), Error> {
     // If numbers are separated by semicolons, a comma is a decimal comma.
     let has_semicolons = text.contains(&b';');
     let commas = has_semicolons.then(|| {
@@ -328,12 +290,12 @@ fn read_numbers(text: &[u8], line: usize, numbers: &mut Vec<f64>) -> Result<(), 
     });
     let text = commas.as_deref().unwrap_or(text);
     if let Some(word) = decimal_comma(text) {
-        return Err(XyzError::DecimalComma { line, text: excerpt(word) });
+        let word = excerpt(word);
+        bail!("line {line}: `{word}` has a decimal comma: use a point instead");
     }
     let separator = if has_semicolons { b';' } else { b',' };
     for word in text.split(|&byte| byte == separator).flat_map(words) {
-        numbers
-            .push(parse_real(word).ok_or_else(|| XyzError::Number { line, text: excerpt(word) })?);
+        numbers.push(parse_real(word).ok_or_else(|| not_a_number(line, word))?);
     }
     Ok(())
 }
@@ -361,7 +323,7 @@ impl FileFormat for PointsXyz {
     const EXTENSION: &'static str = "xyz";
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_XYZ;
 
-    fn write(points: &Points, name: &str) -> Result<Vec<NewFile>, error::Error> {
+    fn write(points: &Points, name: &str) -> Result<Vec<NewFile>, Error> {
         check_single("point", points.positions())?;
         let attributes = points.attributes();
         let (colors, normals) = (attributes.colors("color"), attributes.vectors("normal"));
@@ -386,7 +348,7 @@ impl FileFormat for RangeXyz {
     type Value = RangeImage;
     const EXTENSION: &'static str = "xyz";
 
-    fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, error::Error> {
+    fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, Error> {
         check_single("cell", range.points())?;
         let lines = (0..range.points().len()).filter_map(|cell| {
             Some((range.point(cell)?, range.colors().map(|colors| colors[cell]), None))
@@ -425,7 +387,7 @@ impl FileReader for PointsXyz {
     const EXTENSIONS: &'static [&'static str] = &["xyz", "xyzn", "xyzrgb", "xyzi", "pts", "asc"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
-    fn read(file: &InputFile<'_>) -> Result<Points, error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         let (points, notes) = read_with_notes(file.bytes(), file.color_range())?;
         notes.into_iter().for_each(|note| file.warn(note));
         Ok(points)

@@ -2,16 +2,10 @@
 //!
 //! PKWARE, "APPNOTE.TXT - .ZIP File Format Specification", 6.3.10 (2022), sections 4.3 and 4.4.
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use miniz_oxide::deflate::compress_to_vec;
 use miniz_oxide::inflate::decompress_to_vec_with_limit;
-use thiserror::Error;
-
-/// The error if files do not fit into an archive.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("{bytes} bytes are more than the 4 GiB of a ZIP archive")]
-pub(super) struct TooLarge {
-    bytes: usize,
-}
 
 /// The first of January 1980, the earliest date that the format can store.
 const DATE: u16 = 1 << 5 | 1;
@@ -20,7 +14,7 @@ const DEFLATED: u16 = 8;
 const STORED: u16 = 0;
 
 /// Creates an archive of the given names and contents, in this order.
-pub(super) fn archive(files: &[(&str, &[u8])]) -> Result<Vec<u8>, TooLarge> {
+pub(super) fn archive(files: &[(&str, &[u8])]) -> Result<Vec<u8>, Error> {
     let (mut bytes, mut directory) = (Vec::new(), Vec::new());
     for &(name, content) in files {
         let packed = compress_to_vec(content, 6);
@@ -58,42 +52,15 @@ pub(super) fn archive(files: &[(&str, &[u8])]) -> Result<Vec<u8>, TooLarge> {
     Ok(bytes)
 }
 
-fn le_bytes(count: usize) -> Result<[u8; 4], TooLarge> {
-    u32::try_from(count).map(u32::to_le_bytes).map_err(|_| TooLarge { bytes: count })
+fn le_bytes(count: usize) -> Result<[u8; 4], Error> {
+    let Ok(count) = u32::try_from(count) else {
+        bail!("{count} bytes are more than the 4 GiB of a ZIP archive");
+    };
+    Ok(count.to_le_bytes())
 }
 
-/// Error of reading an archive or a file in it.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub(crate) enum ArchiveError {
-    /// The file has no directory at its end.
-    #[error("this file is not one, or is truncated")]
-    NotAnArchive,
-    /// A file is encrypted, or not packed with Deflate.
-    #[error(
-        "`{name}` in it is encrypted or packed with method {method}: pack it again with Deflate"
-    )]
-    Method {
-        /// The name of the file.
-        name: String,
-        /// The number of the packing method.
-        method: usize,
-    },
-    /// A file does not match its checksum.
-    #[error("`{name}` in it is damaged")]
-    Damaged {
-        /// The name of the file.
-        name: String,
-    },
-    /// A file is too large.
-    #[error("`{name}` in it unpacks to {bytes} bytes, but the maximum is {limit}")]
-    TooMuch {
-        /// The name of the file.
-        name: String,
-        /// The size that the header states, in bytes.
-        bytes: usize,
-        /// The maximum size, in bytes.
-        limit: usize,
-    },
+fn not_an_archive() -> Error {
+    Error::new("this file is not one, or is truncated")
 }
 
 /// An archive that is being read.
@@ -122,18 +89,18 @@ fn number(bytes: &[u8], at: usize, size: usize) -> Option<usize> {
 
 impl<'b> Archive<'b> {
     /// Opens an archive and reads its directory.
-    pub(crate) fn open(bytes: &'b [u8]) -> Result<Self, ArchiveError> {
+    pub(crate) fn open(bytes: &'b [u8]) -> Result<Self, Error> {
         // The end record of the directory may be followed by a comment of up to 65 535 bytes.
         let from = bytes.len().saturating_sub(22 + 0xffff);
         let end = bytes[from..].windows(4).rposition(|four| four == b"PK\x05\x06");
-        let end = from + end.ok_or(ArchiveError::NotAnArchive)?;
-        let mut at = number(bytes, end + 16, 4).ok_or(ArchiveError::NotAnArchive)?;
+        let end = from + end.ok_or_else(not_an_archive)?;
+        let mut at = number(bytes, end + 16, 4).ok_or_else(not_an_archive)?;
         if at == LARGE {
-            at = large_directory(bytes, end).ok_or(ArchiveError::NotAnArchive)?;
+            at = large_directory(bytes, end).ok_or_else(not_an_archive)?;
         }
         let mut entries = Vec::new();
         while bytes.get(at..).is_some_and(|rest| rest.starts_with(b"PK\x01\x02")) {
-            let (entry, length) = Entry::read(&bytes[at..]).ok_or(ArchiveError::NotAnArchive)?;
+            let (entry, length) = Entry::read(&bytes[at..]).ok_or_else(not_an_archive)?;
             entries.push(entry);
             at += length;
         }
@@ -152,24 +119,25 @@ impl<'b> Archive<'b> {
     }
 
     /// Reads the content of a file. Returns an error if it has more than `limit` bytes.
-    pub(crate) fn read(&self, name: &str, limit: usize) -> Result<Vec<u8>, ArchiveError> {
-        let damaged = || ArchiveError::Damaged { name: name.to_owned() };
+    pub(crate) fn read(&self, name: &str, limit: usize) -> Result<Vec<u8>, Error> {
+        let damaged = || Error::new(format!("`{name}` in it is damaged"));
         let entry = self.entries.iter().find(|entry| entry.name == name).ok_or_else(damaged)?;
         let Entry { method, size, packed, start, .. } = *entry;
         if limit < size {
-            return Err(ArchiveError::TooMuch { name: name.to_owned(), bytes: size, limit });
+            bail!("`{name}` in it unpacks to {size} bytes, but the maximum is {limit}");
         }
         let lengths = number(self.bytes, start + 26, 2).zip(number(self.bytes, start + 28, 2));
         let data = lengths
             .and_then(|(name, extra)| self.bytes.get(start + 30 + name + extra..)?.get(..packed));
         let data = data.ok_or_else(damaged)?;
         let content = match method {
-            _ if entry.is_encrypted => {
-                return Err(ArchiveError::Method { name: name.to_owned(), method });
+            0 if !entry.is_encrypted => data.to_vec(),
+            8 if !entry.is_encrypted => {
+                decompress_to_vec_with_limit(data, size).map_err(|_| damaged())?
             }
-            0 => data.to_vec(),
-            8 => decompress_to_vec_with_limit(data, size).map_err(|_| damaged())?,
-            _ => return Err(ArchiveError::Method { name: name.to_owned(), method }),
+            _ => bail!(
+                "`{name}` in it is encrypted or packed with method {method}: pack it again with Deflate"
+            ),
         };
         let is_whole = content.len() == size && crc32fast::hash(&content) == entry.checksum;
         if is_whole { Ok(content) } else { Err(damaged()) }
@@ -270,11 +238,8 @@ mod tests {
             for (name, content) in files {
                 assert_eq!(archive.read(name, 1000).unwrap(), content);
             }
-            let error = archive.read("a/b.txt", 100).unwrap_err();
-            assert_eq!(
-                error,
-                ArchiveError::TooMuch { name: "a/b.txt".into(), bytes: 900, limit: 100 }
-            );
+            let error = archive.read("a/b.txt", 100).unwrap_err().to_string();
+            assert_eq!(error, "`a/b.txt` in it unpacks to 900 bytes, but the maximum is 100");
         }
         let mut spoiled = archive;
         spoiled[40] ^= 1;

@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 use indexmap::IndexMap;
 use maquette_node::importers::{AnyReader, Readers};
 use maquette_node::pack::{Format, Migration, NewFile, Pack, Recipe};
-use maquette_node::{Carry, Exactness, Fidelities, NodeType, Output, Term};
+use maquette_node::{Carry, Exactness, Fidelities, NodeType, Output, Term, bail};
 use maquette_syntax::error::Error;
 use maquette_syntax::merge_references;
 use maquette_value::fs::extension;
@@ -146,15 +146,6 @@ impl Entry {
     }
 }
 
-/// The error for a value that no file format with this extension can store.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("no `.{ending}` file holds a value of the type {kind}; it can be written to: {}", known.join(", "))]
-struct NoFormat {
-    kind: &'static str,
-    ending: String,
-    known: Vec<&'static str>,
-}
-
 /// Returns true if `fits` accepts a property name or a description in a JSON schema.
 fn has_text(schema: &Json, fits: &impl Fn(&str) -> bool) -> bool {
     let is_text = |value: &Json| value.as_str().is_some_and(fits);
@@ -262,9 +253,11 @@ impl Catalog {
         let (kind, ending) = (value.kind(), extension(name.as_ref()));
         match self.format(kind, &ending) {
             Some(format) => format.write(value, name),
-            None => {
-                Err(NoFormat { kind: kind.name, ending, known: self.extensions(Some(kind)) }.into())
-            }
+            None => bail!(
+                "no `.{ending}` file holds a value of the type {}; it can be written to: {}",
+                kind.name,
+                self.extensions(Some(kind)).join(", ")
+            ),
         }
     }
 

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use maquette_node::{AnyNode, Context, FilePath};
+use maquette_node::{AnyNode, Context, FilePath, bail};
 use maquette_syntax::error::{Diagnostic, Error, Severity, Span, code};
 use maquette_syntax::{Tree, nearest_or_all, with_article};
 use maquette_value::{AnyValue, Hash, ValueType};
@@ -287,17 +287,15 @@ struct Input {
     value: Option<AnyValue>,
 }
 
-/// The error of an evaluation that needs an input without a value.
-#[derive(Debug, thiserror::Error)]
-#[error(
-    "it is an input without a value: `maquette run --input {0}=FILE` gives it one, as does a graph that uses this one"
-)]
-struct NoValue(String);
-
 impl AnyNode for Input {
     fn eval(&self, _: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
-        let value = self.value.clone().ok_or_else(|| NoValue(self.name.clone()))?;
-        Ok(vec![value])
+        let Some(value) = &self.value else {
+            bail!(
+                "it is an input without a value: `maquette run --input {}=FILE` gives it one, as does a graph that uses this one",
+                self.name
+            );
+        };
+        Ok(vec![value.clone()])
     }
 
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use maquette_node::{AnyNode, Context, FilePath};
+use maquette_node::{AnyNode, Context, FilePath, bail};
 use maquette_syntax::error::{Diagnostic, Error, Severity, Source, code};
 use maquette_value::{AnyValue, Hash, ValueType};
 use serde_json::json;
@@ -139,18 +139,16 @@ pub(crate) struct PinnedNode {
     given: String,
 }
 
-/// The error for stored values that are damaged or have another format.
-#[derive(Clone, Debug, thiserror::Error)]
-#[error(
-    "its pinned result {0} is damaged, or kept by another version of maquette: restore the file, pin the node again, or remove the pin with `maquette pin --remove`"
-)]
-struct DamagedPin(String);
-
 impl AnyNode for PinnedNode {
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
         let file = cx.files.get(&self.file).and_then(Option::as_ref);
-        let values = file.and_then(|file| bytes::read(file.bytes(), &self.kept));
-        values.ok_or_else(|| DamagedPin(self.given.clone()).into())
+        let Some(values) = file.and_then(|file| bytes::read(file.bytes(), &self.kept)) else {
+            bail!(
+                "its pinned result {} is damaged, or kept by another version of maquette: restore the file, pin the node again, or remove the pin with `maquette pin --remove`",
+                self.given
+            );
+        };
+        Ok(values)
     }
 
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {

@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 
-use maquette_node::{AnyNode, Context, FilePath};
+use maquette_node::{AnyNode, Context, FilePath, bail};
 use maquette_syntax::Tree;
 use maquette_syntax::error::{Diagnostic, Error};
 use maquette_value::{AnyValue, Encoder, Hash, Memo, NoElements};
@@ -143,20 +143,10 @@ impl Memo for PreviousElements {
 #[error("it has {0} elements now: run the graph again")]
 pub struct ElementCountChanged(pub usize);
 
-#[derive(Clone, Debug, thiserror::Error)]
-enum ElementsError {
-    #[error(
-        "`{over}` has {count} elements, but ForEach takes {most} at most: `most: {count}` allows them"
-    )]
-    TooMany { over: String, count: usize, most: usize },
-    #[error("{0}")]
-    Refused(String),
-}
-
 impl AnyNode for ElementsNode {
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
         if let Some(Count::Refused(why)) = &self.count {
-            return Err(ElementsError::Refused(why.clone()).into());
+            bail!("{why}");
         }
         let key = Hash::compute(format!("elements {} of {}", self.word, self.over).as_bytes());
         let before = cx.memos.and_then(|memos| memos.find(key));
@@ -167,13 +157,13 @@ impl AnyNode for ElementsNode {
         let elements = match found {
             Some(Ok(elements)) => elements,
             Some(Err(NoElements::TooMany { count })) => {
-                let (over, most) = (self.over.clone(), self.max_elements);
-                return Err(ElementsError::TooMany { over, count, most }.into());
+                let (over, most) = (&self.over, self.max_elements);
+                bail!(
+                    "`{over}` has {count} elements, but ForEach takes {most} at most: `most: {count}` allows them"
+                )
             }
-            Some(Err(NoElements::Impossible(why))) => {
-                return Err(ElementsError::Refused(why).into());
-            }
-            None => return Err(ElementsError::Refused("it has no elements".into()).into()),
+            Some(Err(NoElements::Impossible(why))) => return Err(Error::new(why)),
+            None => bail!("it has no elements"),
         };
         if let Some(memos) = cx.memos {
             memos.keep(key, &AnyValue::from_memo(PreviousElements(elements.clone().into())));
@@ -211,7 +201,7 @@ struct FailingNode(String);
 
 impl AnyNode for FailingNode {
     fn eval(&self, _: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
-        Err(ElementsError::Refused(self.0.clone()).into())
+        bail!("{}", self.0)
     }
 
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use maquette_graph::catalog::Catalog;
 
-use crate::eval::{Disk, DiskError, Evaluator, ThreadsError};
+use crate::eval::{Disk, DiskError, Evaluator};
 
 /// The settings of a session. They do not affect results, except that a node fails if there is too little memory for it.
 #[derive(Clone, Debug)]
@@ -64,20 +64,8 @@ impl fmt::Debug for CacheServer {
 
 /// The reason why a session could not be created.
 #[derive(Debug, thiserror::Error)]
-pub enum SessionError {
-    /// The threads cannot be started.
-    #[error(transparent)]
-    Threads(#[from] ThreadsError),
-    /// The folder that the user has given for results belongs to another user or program.
-    #[error("{0}; --cache chooses another folder")]
-    Cache(DiskError),
-    /// The value of `MAQUETTE_CACHE_SIZE` is not a size.
-    #[error("{0}")]
-    Size(String),
-    /// The address of the server for results is invalid.
-    #[error("{0}")]
-    Server(String),
-}
+#[error("{0}")]
+pub struct SessionError(pub(super) String);
 
 /// The default maximum size of the results in memory, in bytes.
 const MEMORY: usize = 2_000_000_000;
@@ -136,14 +124,14 @@ impl Settings {
             CacheFolder::None => (None, false),
         };
         let Some(folder) = folder else { return Ok((evaluator, None)) };
-        match Disk::open(&folder, disk_size().map_err(SessionError::Size)?, catalog) {
+        match Disk::open(&folder, disk_size().map_err(SessionError)?, catalog) {
             Ok(disk) => {
-                let disk = self.server.connect(disk).map_err(SessionError::Server)?;
+                let disk = self.server.connect(disk).map_err(SessionError)?;
                 Ok((evaluator.with_disk(disk), None))
             }
             // Return an error: the user has given the folder explicitly, and it is probably the wrong one.
             Err(error @ (DiskError::Foreign(_) | DiskError::OtherUser(_))) if named => {
-                Err(SessionError::Cache(error))
+                Err(SessionError(format!("{error}; --cache chooses another folder")))
             }
             Err(error) => {
                 let warning =

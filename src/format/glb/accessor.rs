@@ -1,5 +1,7 @@
 //! The JSON document of a GLB file, and the numbers that its accessors refer to in the buffer.
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use std::array;
 use std::collections::BTreeMap;
 
@@ -7,7 +9,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::material::{GltfMaterial, Sampler};
-use super::read::GlbReadError;
+use super::read::{extension_error, part_error};
 
 /// The parts of the JSON document that are read.
 #[derive(Default, Deserialize)]
@@ -237,21 +239,19 @@ impl<'a> Buffer<'a> {
     }
 
     /// Returns the bytes of a buffer view.
-    pub(super) fn view(&self, index: usize) -> Result<View<'a>, GlbReadError> {
-        fn part_error(what: &'static str, index: usize) -> GlbReadError {
-            GlbReadError::Part { part: "bufferView", index, what }
-        }
-        let view =
-            self.document.buffer_views.get(index).ok_or(part_error("does not exist", index))?;
+    pub(super) fn view(&self, index: usize) -> Result<View<'a>, Error> {
+        let view_error = |problem| part_error("bufferView", index, problem);
+        let view = self.document.buffer_views.get(index);
+        let view = view.ok_or_else(|| view_error("does not exist"))?;
         if let Some(name) = view.extensions.keys().find(|name| name.contains("compression")) {
-            return Err(GlbReadError::Extension { name: name.clone() });
+            return Err(extension_error(name));
         }
         if view.buffer != 0 {
-            return Err(part_error("is in another file", index));
+            return Err(view_error("is in another file"));
         }
         let end = view.byte_offset.checked_add(view.byte_length);
         let bytes = end.and_then(|end| self.bytes.get(view.byte_offset..end));
-        let bytes = bytes.ok_or(part_error("is not inside the buffer", index))?;
+        let bytes = bytes.ok_or_else(|| view_error("is not inside the buffer"))?;
         Ok(View { bytes, stride: view.byte_stride })
     }
 
@@ -264,44 +264,43 @@ impl<'a> Buffer<'a> {
     }
 
     /// Reads the first N components of each entry of an accessor. Integers are normalized if the accessor requires it.
-    pub(super) fn rows<const N: usize>(
-        &mut self,
-        index: usize,
-    ) -> Result<Vec<[f64; N]>, GlbReadError> {
-        fn part_error(what: &'static str, index: usize) -> GlbReadError {
-            GlbReadError::Part { part: "accessor", index, what }
-        }
+    pub(super) fn rows<const N: usize>(&mut self, index: usize) -> Result<Vec<[f64; N]>, Error> {
+        let accessor_error = |problem| part_error("accessor", index, problem);
         let document = self.document;
-        let accessor = document.accessors.get(index).ok_or(part_error("does not exist", index))?;
+        let accessor =
+            document.accessors.get(index).ok_or_else(|| accessor_error("does not exist"))?;
         let components = match &*accessor.kind {
             "SCALAR" => 1,
             "VEC2" => 2,
             "VEC3" => 3,
             "VEC4" => 4,
-            _ => return Err(part_error("has a type that is not supported", index)),
+            _ => return Err(accessor_error("has a type that is not supported")),
         };
         if components < N {
-            return Err(part_error("has too few components", index));
+            return Err(accessor_error("has too few components"));
         }
         let component = Component::new(accessor.component_type);
-        let component = component.ok_or(part_error("has components of an unknown type", index))?;
+        let component =
+            component.ok_or_else(|| accessor_error("has components of an unknown type"))?;
         let size = components * component.size();
         let packed = document.extensions_used.iter().find(|name| name.contains("compression"));
         let entries = match accessor.buffer_view {
             None if packed.is_some() && accessor.sparse.is_none() => {
-                return Err(GlbReadError::Extension { name: packed.cloned().unwrap_or_default() });
+                return Err(extension_error(packed.map_or("", |name| name)));
             }
             None => None,
             Some(view) => Some(
                 self.entries(view, accessor.byte_offset, size, accessor.count)?
-                    .ok_or(part_error("is longer than its part of the buffer", index))?,
+                    .ok_or_else(|| accessor_error("is longer than its part of the buffer"))?,
             ),
         };
         let numbers = accessor.count.saturating_mul(N);
-        self.remaining = self
-            .remaining
-            .checked_sub(numbers)
-            .ok_or(GlbReadError::Repetition { limit: MAX_NUMBERS_PER_BYTE })?;
+        let Some(remaining) = self.remaining.checked_sub(numbers) else {
+            bail!(
+                "the file reuses its data so often that the mesh would have over {MAX_NUMBERS_PER_BYTE} numbers per byte of the file"
+            );
+        };
+        self.remaining = remaining;
         let row = |bytes: &[u8]| {
             array::from_fn(|k| {
                 let (number, largest) = component.read(&bytes[k * component.size()..]);
@@ -314,18 +313,17 @@ impl<'a> Buffer<'a> {
         if let Some(Sparse { count, indices, values }) = &accessor.sparse {
             let of_index = indices.component_type.and_then(Component::new);
             let of_index =
-                of_index.ok_or(part_error("has sparse indices of an unknown type", index))?;
-            fn sparse_error(index: usize) -> GlbReadError {
-                part_error("has sparse entries outside the buffer", index)
-            }
+                of_index.ok_or_else(|| accessor_error("has sparse indices of an unknown type"))?;
+            let outside = || accessor_error("has sparse entries outside the buffer");
             let sparse_indices =
                 self.entries(indices.buffer_view, indices.byte_offset, of_index.size(), *count);
             let values = self.entries(values.buffer_view, values.byte_offset, size, *count)?;
             for (sparse_index, value) in
-                sparse_indices?.ok_or(sparse_error(index))?.zip(values.ok_or(sparse_error(index))?)
+                sparse_indices?.ok_or_else(outside)?.zip(values.ok_or_else(outside)?)
             {
                 let entry = rows.get_mut(of_index.read(sparse_index).0 as usize);
-                *entry.ok_or(part_error("has a sparse entry after its end", index))? = row(value);
+                *entry.ok_or_else(|| accessor_error("has a sparse entry after its end"))? =
+                    row(value);
             }
         }
         Ok(rows)
@@ -339,7 +337,7 @@ impl<'a> Buffer<'a> {
         offset: usize,
         size: usize,
         count: usize,
-    ) -> Result<Option<impl Iterator<Item = &'a [u8]> + use<'a>>, GlbReadError> {
+    ) -> Result<Option<impl Iterator<Item = &'a [u8]> + use<'a>>, Error> {
         let View { bytes, stride } = self.view(view)?;
         let stride = stride.unwrap_or(size);
         let last = count.saturating_sub(1).saturating_mul(stride);
@@ -350,14 +348,13 @@ impl<'a> Buffer<'a> {
     }
 
     /// Reads the vertex indices of an accessor, all of which must be less than `count`.
-    pub(super) fn indices(&mut self, index: usize, count: usize) -> Result<Vec<u32>, GlbReadError> {
+    pub(super) fn indices(&mut self, index: usize, count: usize) -> Result<Vec<u32>, Error> {
         let rows = self.rows::<1>(index)?;
         if !rows
             .iter()
             .all(|&[corner]| 0.0 <= corner && corner < count as f64 && corner.fract() == 0.0)
         {
-            let what = "refers to a vertex that does not exist";
-            return Err(GlbReadError::Part { part: "accessor", index, what });
+            return Err(part_error("accessor", index, "refers to a vertex that does not exist"));
         }
         Ok(rows.into_iter().map(|[corner]| corner as u32).collect())
     }

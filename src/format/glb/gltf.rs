@@ -8,14 +8,14 @@ use base64::Engine as _;
 use base64::alphabet::STANDARD;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use maquette_node::importers::{FileReader, InputFile};
-use maquette_syntax::error;
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::Mesh;
 use percent_encoding::percent_decode_str;
 use serde_json::{Value as Json, json};
-use thiserror::Error;
 
-use super::read::read_with_notes;
-use super::{GlbReadError, container};
+use super::container;
+use super::read::{document_error, read_with_notes};
 
 /// The decoder of Base64: RFC 4648, section 4. Padding may be missing, and trailing bits are ignored.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
@@ -25,38 +25,6 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
         .with_decode_allow_trailing_bits(true),
 );
 
-/// Error of reading a mesh from a glTF file.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum GltfError {
-    /// A buffer cannot be loaded.
-    #[error("buffer {index}: {why}")]
-    Buffer {
-        /// The index of the buffer, from 0.
-        index: usize,
-        /// The reason why the buffer cannot be loaded.
-        why: String,
-    },
-    /// A buffer has fewer bytes than the document states.
-    #[error("buffer {index} has {found} bytes, but it should have {expected}")]
-    Short {
-        /// The index of the buffer, from 0.
-        index: usize,
-        /// The number of bytes in the buffer.
-        found: usize,
-        /// The number of bytes that the document states.
-        expected: u64,
-    },
-    /// The buffers and pictures are too large for a GLB file.
-    #[error("the buffers and pictures have {bytes} bytes together, more than the maximum of 4 GiB")]
-    TooLarge {
-        /// The total number of bytes of the buffers and pictures.
-        bytes: usize,
-    },
-    /// The document or the data in the buffers are invalid.
-    #[error(transparent)]
-    Glb(#[from] GlbReadError),
-}
-
 /// Reads a mesh with its materials from a glTF file.
 pub(crate) struct MeshGltf;
 
@@ -65,8 +33,9 @@ impl FileReader for MeshGltf {
     const EXTENSIONS: &'static [&'static str] = &["gltf"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::GLB_READ;
 
-    fn read(file: &InputFile<'_>) -> Result<Mesh, error::Error> {
-        Ok(read_gltf(file)?)
+    fn read(file: &InputFile<'_>) -> Result<Mesh, Error> {
+        let document: Result<Json, _> = serde_json::from_slice(file.bytes());
+        read_document(document.map_err(|error| document_error(&error))?, &[], file)
     }
 
     const COMPANIONS: Option<fn(&InputFile<'_>)> = Some(|file| {
@@ -77,41 +46,31 @@ impl FileReader for MeshGltf {
     });
 }
 
-fn read_gltf(file: &InputFile<'_>) -> Result<Mesh, GltfError> {
-    let document = serde_json::from_slice(file.bytes()).map_err(|error| {
-        let (line, column) = (error.line(), error.column());
-        GlbReadError::Document { line, column, reason: error.to_string() }
-    })?;
-    read_document(document, &[], file)
-}
-
 /// Reads a document. `embedded` is used as its first buffer if this buffer has no URI.
 pub(super) fn read_document(
     mut document: Json,
     embedded: &[u8],
     file: &InputFile<'_>,
-) -> Result<Mesh, GltfError> {
+) -> Result<Mesh, Error> {
     let (mut bytes, mut starts) = (Vec::new(), Vec::new());
     // If several buffers name the same file, it is loaded once.
     let mut known: HashMap<&str, (usize, usize)> = HashMap::new();
     for (index, buffer) in list(&document, "buffers").iter().enumerate() {
-        fn buffer_error(index: usize, why: String) -> GltfError {
-            GltfError::Buffer { index, why }
-        }
         let (start, found) = match buffer["uri"].as_str() {
             None if index == 0 && !embedded.is_empty() => {
                 (append_aligned(&mut bytes, embedded), embedded.len())
             }
-            None => return Err(buffer_error(index, "it has no URI".to_owned())),
+            None => bail!("buffer {index}: it has no URI"),
             Some(uri) if known.contains_key(uri) => known[uri],
             Some(uri) => {
-                let content = content(uri, file).map_err(|why| buffer_error(index, why))?;
+                let content = content(uri, file)
+                    .map_err(|why| Error::new(format!("buffer {index}: {why}")))?;
                 *known.entry(uri).or_insert((append_aligned(&mut bytes, &content), content.len()))
             }
         };
         let expected = buffer["byteLength"].as_u64().unwrap_or(0);
         if (found as u64) < expected {
-            return Err(GltfError::Short { index, found, expected });
+            bail!("buffer {index} has {found} bytes, but it should have {expected}");
         }
         starts.push(start);
     }
@@ -129,8 +88,11 @@ pub(super) fn read_document(
     if let Some(fields) = document.as_object_mut() {
         fields.insert("buffers".into(), json!([{ "byteLength": length }]));
     }
-    let file_bytes =
-        container(&document, bytes).map_err(|_| GltfError::TooLarge { bytes: length })?;
+    let Ok(file_bytes) = container(&document, bytes) else {
+        bail!(
+            "the buffers and pictures have {length} bytes together, more than the maximum of 4 GiB"
+        );
+    };
     let (mesh, notes) = read_with_notes(&file_bytes, &|uri| content(uri, file))?;
     notes.into_iter().for_each(|note| file.warn(note));
     Ok(mesh)
@@ -197,7 +159,7 @@ mod tests {
 
     fn read_with(document: &Json, files: &[(&str, &[u8])]) -> Result<Mesh, String> {
         let text = document.to_string();
-        let read = read_gltf(&InputFile::new("a.gltf", text.as_bytes(), &|name: &str| {
+        let read = MeshGltf::read(&InputFile::new("a.gltf", text.as_bytes(), &|name: &str| {
             let found = files.iter().find(|(known, _)| *known == name);
             found.map(|(_, bytes)| Arc::from(*bytes)).ok_or(format!("{name} is not there"))
         }));

@@ -2,13 +2,14 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use maquette_syntax::error::Error;
 use maquette_value::{Column, Image, Map, MapKind, Material, Transparency, UvTransform, Wrap};
 use percent_encoding::percent_decode_str;
 use serde::Deserialize;
 use serde_json::Value as Json;
 
 use super::accessor::{Buffer, Document};
-use super::read::{FindFile, GlbReadError, extension_help};
+use super::read::{FindFile, extension_help};
 use crate::picture_file;
 use crate::picture_kind::Kind;
 
@@ -176,7 +177,7 @@ impl<'a> Materials<'a> {
         index: Option<usize>,
         has_uv: bool,
         buffer: &Buffer<'_>,
-    ) -> Result<Appearance, GlbReadError> {
+    ) -> Result<Appearance, Error> {
         let document = self.document;
         let found = index.and_then(|index| document.materials.get(index));
         let key = (index.filter(|_| found.is_some()), has_uv);
@@ -203,7 +204,7 @@ impl<'a> Materials<'a> {
         from: &'a GltfMaterial,
         has_uv: bool,
         buffer: &Buffer<'_>,
-    ) -> Result<(Material, [f64; 3], Vec<CoordinateSet>), GlbReadError> {
+    ) -> Result<(Material, [f64; 3], Vec<CoordinateSet>), Error> {
         let shading = &from.pbr_metallic_roughness;
         let (mut factor, mut base) =
             (shading.base_color_factor, shading.base_color_texture.as_ref());
@@ -309,7 +310,7 @@ impl<'a> Materials<'a> {
         &mut self,
         texture: &TextureUse,
         buffer: &Buffer<'_>,
-    ) -> Result<Option<(usize, Column<u8>)>, GlbReadError> {
+    ) -> Result<Option<(usize, Column<u8>)>, Error> {
         let document = self.document;
         let Some(found) = document.textures.get(texture.index) else { return Ok(None) };
         let Some(source) = found.picture() else {

@@ -1,64 +1,12 @@
 //! Reads GLB: triangles, points and the attributes of vertices.
 
-use maquette_value::{Mesh, MeshError};
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
+use maquette_value::Mesh;
 use serde_json::Value as Json;
-use thiserror::Error;
 
 use super::accessor::{Buffer, Document};
 use super::scene::Scene;
-
-/// Error of reading a mesh from a GLB file.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum GlbReadError {
-    /// The file is not GLB, or is truncated.
-    #[error("byte {byte}: {what}")]
-    Container {
-        /// The position of the invalid byte, from 0.
-        byte: usize,
-        /// The description of the error.
-        what: &'static str,
-    },
-    /// The document is not glTF.
-    #[error("line {line}, column {column} of the file's JSON: {reason}")]
-    Document {
-        /// The number of the line, from 1.
-        line: usize,
-        /// The number of the column, from 1.
-        column: usize,
-        /// The error message of the JSON parser.
-        reason: String,
-    },
-    /// A required extension is not supported.
-    #[error("the file requires `{name}`, which is not supported{}", extension_help(name))]
-    Extension {
-        /// The name of the extension.
-        name: String,
-    },
-    /// A part of the document contradicts another part, the buffer or the specification.
-    #[error("{part} {index} {what}")]
-    Part {
-        /// The kind of part: `accessor`, `node` and so on.
-        part: &'static str,
-        /// The index of the part, from 0.
-        index: usize,
-        /// The description of the error.
-        what: &'static str,
-    },
-    /// Parts of the document use the same bytes so often that a small file would make a huge mesh.
-    #[error(
-        "the file reuses its data so often that the mesh would have over {limit} numbers per byte of the file"
-    )]
-    Repetition {
-        /// The maximum count of numbers per byte of the file.
-        limit: usize,
-    },
-    /// The file has no vertex.
-    #[error("the file has no vertices")]
-    Empty,
-    /// The vertices and faces are not a valid mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-}
 
 /// Reads the triangles and points of the scene of a GLB file as a mesh, in mm, y up.
 ///
@@ -70,7 +18,7 @@ pub enum GlbReadError {
 /// skins, morph targets and animations.
 ///
 /// Returns an error if the bytes are not a GLB file of version 2, the file contradicts itself, or it needs an unknown extension.
-pub fn read(bytes: &[u8]) -> Result<Mesh, GlbReadError> {
+pub fn read(bytes: &[u8]) -> Result<Mesh, Error> {
     read_with_notes(bytes, &|_| Err("pictures in other files are not read".to_owned()))
         .map(|(mesh, _)| mesh)
 }
@@ -82,11 +30,29 @@ pub(super) type FindFile<'a> = &'a dyn Fn(&str) -> Result<Vec<u8>, String>;
 pub(super) fn read_with_notes(
     bytes: &[u8],
     find: FindFile<'_>,
-) -> Result<(Mesh, Vec<String>), GlbReadError> {
+) -> Result<(Mesh, Vec<String>), Error> {
     let (document, buffer) = container(bytes)?;
     let mut scene = Scene::new(&document, Buffer::new(&document, buffer, bytes.len()), find);
     scene.collect()?;
     scene.finish()
+}
+
+/// Returns the error that a part of the document contradicts another part, the buffer or the specification. `part` is the kind of the part,
+/// such as `accessor`, and `index` its index, from 0.
+pub(super) fn part_error(part: &str, index: usize, problem: &str) -> Error {
+    Error::new(format!("{part} {index} {problem}"))
+}
+
+/// Returns the error that a required extension is not supported.
+pub(super) fn extension_error(name: &str) -> Error {
+    let help = extension_help(name);
+    Error::new(format!("the file requires `{name}`, which is not supported{help}"))
+}
+
+/// Returns the error that the document is not glTF.
+pub(super) fn document_error(error: &serde_json::Error) -> Error {
+    let (line, column) = (error.line(), error.column());
+    Error::new(format!("line {line}, column {column} of the file's JSON: {error}"))
 }
 
 /// Returns the help text for a file that needs the extension.
@@ -118,27 +84,24 @@ pub(super) fn with_linked_buffers(bytes: &[u8]) -> Option<(Json, &[u8])> {
 }
 
 /// Returns the two chunks of a file: the text of the document, and the buffer. The buffer is empty if it is missing.
-fn chunks(bytes: &[u8]) -> Result<(&[u8], &[u8]), GlbReadError> {
-    fn container_error(byte: usize, what: &'static str) -> GlbReadError {
-        GlbReadError::Container { byte, what }
-    }
+fn chunks(bytes: &[u8]) -> Result<(&[u8], &[u8]), Error> {
     fn number(at: usize, bytes: &[u8]) -> Option<usize> {
         let number = bytes.get(at..).and_then(|rest| rest.first_chunk());
         number.map(|number| u32::from_le_bytes(*number) as usize)
     }
     if !bytes.starts_with(b"glTF") {
-        return Err(container_error(0, "this is not a GLB file"));
+        bail!("byte 0: this is not a GLB file");
     }
     if number(4, bytes) != Some(2) {
-        return Err(container_error(4, "this is not version 2 of GLB"));
+        bail!("byte 4: this is not version 2 of GLB");
     }
     let chunk = |at: usize, kind: &[u8; 4]| {
         let length = number(at, bytes).filter(|_| bytes.get(at + 4..at + 8) == Some(&kind[..]));
-        let length = length.ok_or(container_error(at, "expected another kind of chunk"))?;
-        let end = (at + 8).saturating_add(length);
-        bytes
-            .get(at + 8..end)
-            .ok_or(container_error(at, "the chunk is longer than the rest of the file"))
+        let Some(length) = length else { bail!("byte {at}: expected another kind of chunk") };
+        let Some(chunk) = bytes.get(at + 8..(at + 8).saturating_add(length)) else {
+            bail!("byte {at}: the chunk is longer than the rest of the file");
+        };
+        Ok(chunk)
     };
     let text = chunk(12, b"JSON")?;
     // Some programs pad the text with zeros instead of spaces.
@@ -149,12 +112,10 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], &[u8]), GlbReadError> {
 }
 
 /// Parses the document. Returns it with the buffer, which is empty if it is missing.
-fn container(bytes: &[u8]) -> Result<(Document, &[u8]), GlbReadError> {
+fn container(bytes: &[u8]) -> Result<(Document, &[u8]), Error> {
     let (text, buffer) = chunks(bytes)?;
-    let document: Document = serde_json::from_slice(text).map_err(|error| {
-        let (line, column) = (error.line(), error.column());
-        GlbReadError::Document { line, column, reason: error.to_string() }
-    })?;
+    let document: Document =
+        serde_json::from_slice(text).map_err(|error| document_error(&error))?;
     // The following extensions are accepted because they do not change the positions.
     let known = [
         "KHR_materials_unlit",
@@ -165,7 +126,7 @@ fn container(bytes: &[u8]) -> Result<(Document, &[u8]), GlbReadError> {
     ];
     if let Some(name) = document.extensions_required.iter().find(|name| !known.contains(&&***name))
     {
-        return Err(GlbReadError::Extension { name: name.clone() });
+        return Err(extension_error(name));
     }
     Ok((document, buffer))
 }
@@ -247,7 +208,7 @@ mod tests {
     }
 
     /// Changes the document of a file by `change`, and reads the file.
-    fn with_document(change: impl FnOnce(&mut Value)) -> Result<Mesh, GlbReadError> {
+    fn with_document(change: impl FnOnce(&mut Value)) -> Result<Mesh, Error> {
         let bytes = encode(&mesh()).unwrap();
         let length = u32::from_le_bytes(*bytes[12..].first_chunk().unwrap()) as usize;
         let mut document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();

@@ -2,6 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::{
     Attribute, Column, MATERIAL_ATTRIBUTE, Mesh, MeshError, Rgb, UvTransform, srgb_from_linear,
 };
@@ -9,7 +11,7 @@ use nalgebra::{Matrix3, Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
 
 use super::accessor::{Buffer, Document, Node, Primitive};
 use super::material::{Materials, drop_default, uv_name};
-use super::read::{FindFile, GlbReadError};
+use super::read::{FindFile, extension_error, part_error};
 use crate::corners::{FaceList, add_corner_data};
 use crate::finite::{self, FiniteMask};
 
@@ -97,7 +99,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Adds the meshes of all nodes in the scene, parents before children. The nodes must form trees; a node with two parents is an error.
-    pub(super) fn collect(&mut self) -> Result<(), GlbReadError> {
+    pub(super) fn collect(&mut self) -> Result<(), Error> {
         let nodes = &self.document.nodes;
         let scene = self.document.scene.unwrap_or(0);
         let roots = match self.document.scenes.get(scene) {
@@ -112,12 +114,10 @@ impl<'a> Scene<'a> {
         let root = Matrix4::new_scaling(MILLIMETERS);
         let mut open: Vec<_> = roots.into_iter().rev().map(|node| (node, root)).collect();
         while let Some((index, parent)) = open.pop() {
-            fn node_error(what: &'static str, index: usize) -> GlbReadError {
-                GlbReadError::Part { part: "node", index, what }
-            }
-            let node = nodes.get(index).ok_or(node_error("does not exist", index))?;
+            let node = nodes.get(index);
+            let node = node.ok_or_else(|| part_error("node", index, "does not exist"))?;
             if std::mem::replace(&mut is_visited[index], true) {
-                return Err(node_error("has two parents", index));
+                return Err(part_error("node", index, "has two parents"));
             }
             let motion = parent * node.motion();
             open.extend(node.children.iter().rev().map(|&child| (child, motion)));
@@ -139,10 +139,11 @@ impl<'a> Scene<'a> {
         Ok(())
     }
 
-    fn add_mesh(&mut self, index: usize, motion: &Matrix4<f64>) -> Result<(), GlbReadError> {
+    fn add_mesh(&mut self, index: usize, motion: &Matrix4<f64>) -> Result<(), Error> {
         let document = self.document;
-        let missing = GlbReadError::Part { part: "mesh", index, what: "does not exist" };
-        for primitive in &document.meshes.get(index).ok_or(missing)?.primitives {
+        let mesh = document.meshes.get(index);
+        let mesh = mesh.ok_or_else(|| part_error("mesh", index, "does not exist"))?;
+        for primitive in &mesh.primitives {
             if ![POINTS, TRIANGLES, STRIP, FAN].contains(&primitive.mode) {
                 self.note("lines are left out");
                 continue;
@@ -150,7 +151,7 @@ impl<'a> Scene<'a> {
             if let Some(name) =
                 primitive.extensions.keys().find(|name| name.contains("compression"))
             {
-                return Err(GlbReadError::Extension { name: name.clone() });
+                return Err(extension_error(name));
             }
             if !primitive.targets.is_empty() {
                 self.note("morph targets are left out");
@@ -188,16 +189,14 @@ impl<'a> Scene<'a> {
         count: usize,
         positions: usize,
         motion: &Matrix4<f64>,
-    ) -> Result<u32, GlbReadError> {
-        fn check_count(found: usize, positions: usize, count: usize) -> Result<(), GlbReadError> {
-            match found == count {
-                true => Ok(()),
-                false => {
-                    let what =
-                        "has another number of entries than the other attributes of its primitive";
-                    Err(GlbReadError::Part { part: "accessor", index: positions, what })
-                }
+    ) -> Result<u32, Error> {
+        fn check_count(found: usize, positions: usize, count: usize) -> Result<(), Error> {
+            if found != count {
+                bail!(
+                    "accessor {positions} has another number of entries than the other attributes of its primitive"
+                );
             }
+            Ok(())
         }
         let start = self.positions.len() - count;
         self.parts += 1;
@@ -313,7 +312,7 @@ impl<'a> Scene<'a> {
     fn first_components<const N: usize>(
         &mut self,
         accessor: usize,
-    ) -> Result<Vec<[f64; 3]>, GlbReadError> {
+    ) -> Result<Vec<[f64; 3]>, Error> {
         Ok(self
             .buffer
             .rows::<N>(accessor)?
@@ -323,9 +322,9 @@ impl<'a> Scene<'a> {
     }
 
     /// Returns the mesh and the warnings.
-    pub(super) fn finish(mut self) -> Result<(Mesh, Vec<String>), GlbReadError> {
+    pub(super) fn finish(mut self) -> Result<(Mesh, Vec<String>), Error> {
         if self.positions.is_empty() {
-            return Err(GlbReadError::Empty);
+            bail!("the file has no vertices");
         }
         let all = self.positions.len();
         self.normals.rows.resize(all, [0.0; 3]);
@@ -390,7 +389,7 @@ impl<'a> Scene<'a> {
             self.sets.iter_mut().for_each(|set| finite.retain(&mut set.rows));
             self.custom.values_mut().for_each(|(_, custom)| finite.retain(&mut custom.rows));
             if self.positions.is_empty() {
-                return Err(GlbReadError::Empty);
+                bail!("the file has no vertices");
             }
         }
         // Coincident corners of triangles are merged; coincident points of a point cloud are not.

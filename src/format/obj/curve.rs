@@ -1,16 +1,18 @@
 //! Reads curves: polylines `l` and B-splines `curv`.
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::{Curve, KnotVector};
 use nalgebra::Point3;
 
 use super::lines::{for_lines, numbers, resolve, without_comment};
-use super::{ObjError, excerpt, parse, words};
+use crate::{not_a_number, parse, words};
 
 /// Reads the curve in an OBJ file. It is either a polyline or one free-form curve `curv` of type `bspline`, with or without `rat`. A
 /// polyline may consist of several `l` elements that continue each other, and is closed if it returns to its first vertex.
 ///
 /// Returns an error if a line is invalid, or the file has no curve or more than one.
-pub fn read_curve(bytes: &[u8]) -> Result<Curve, ObjError> {
+pub fn read_curve(bytes: &[u8]) -> Result<Curve, Error> {
     let mut reader = Reader::default();
     for_lines(bytes, |text, line| reader.read_line(text, line))?;
     match (reader.spline, reader.chain) {
@@ -44,7 +46,7 @@ struct Spline {
 }
 
 impl Reader {
-    fn read_line(&mut self, text: &[u8], line: usize) -> Result<(), ObjError> {
+    fn read_line(&mut self, text: &[u8], line: usize) -> Result<(), Error> {
         let mut words = words(without_comment(text));
         match words.next() {
             Some(b"v") => {
@@ -60,18 +62,13 @@ impl Reader {
             }
             Some(b"deg") => {
                 let word = words.next().unwrap_or_default();
-                self.degree = Some(
-                    parse(word).ok_or_else(|| ObjError::Number { line, text: excerpt(word) })?,
-                );
+                self.degree = Some(parse(word).ok_or_else(|| not_a_number(line, word))?);
             }
             Some(b"curv") => self.read_spline(words, line)?,
             Some(b"parm") => {
                 if let (Some(b"u"), Some(spline)) = (words.next(), &mut self.spline) {
                     for word in words {
-                        spline.knots.push(
-                            parse(word)
-                                .ok_or_else(|| ObjError::Number { line, text: excerpt(word) })?,
-                        );
+                        spline.knots.push(parse(word).ok_or_else(|| not_a_number(line, word))?);
                     }
                 }
             }
@@ -81,10 +78,10 @@ impl Reader {
     }
 
     /// Returns the index of a vertex, from 0. Text after a `/` is ignored.
-    fn vertex(&self, word: &[u8], line: usize) -> Result<u32, ObjError> {
+    fn vertex(&self, word: &[u8], line: usize) -> Result<u32, Error> {
         let number = word.split(|&byte| byte == b'/').next().unwrap_or_default();
         let index = resolve(
-            parse(number).ok_or_else(|| ObjError::Number { line, text: excerpt(word) })?,
+            parse(number).ok_or_else(|| not_a_number(line, word))?,
             "v",
             self.vertices.len(),
             line,
@@ -96,12 +93,12 @@ impl Reader {
         &mut self,
         words: impl Iterator<Item = &'a [u8]>,
         line: usize,
-    ) -> Result<(), ObjError> {
+    ) -> Result<(), Error> {
         let mut before = self.chain.last().copied();
         for (k, word) in words.enumerate() {
             let vertex = self.vertex(word, line)?;
             if k == 0 && before.is_some_and(|before| before != vertex) {
-                return Err(ObjError::SecondCurve { line });
+                return Err(second_curve(line));
             }
             if before != Some(vertex) {
                 self.chain.push(vertex);
@@ -115,18 +112,16 @@ impl Reader {
         &mut self,
         mut words: impl Iterator<Item = &'a [u8]>,
         line: usize,
-    ) -> Result<(), ObjError> {
+    ) -> Result<(), Error> {
         if self.spline.is_some() {
-            return Err(ObjError::SecondCurve { line });
+            return Err(second_curve(line));
         }
         if self.kind.as_deref() != Some(b"bspline") {
-            return Err(ObjError::FreeForm {
-                line,
-                what: "only curves of `cstype bspline` are supported",
-            });
+            bail!("line {line}: only curves of `cstype bspline` are supported");
         }
-        let what = "the curve has no degree: add a line `deg` before it";
-        let degree = self.degree.ok_or(ObjError::FreeForm { line, what })?;
+        let Some(degree) = self.degree else {
+            bail!("line {line}: the curve has no degree: add a line `deg` before it");
+        };
         let (ends, _) = numbers::<2>(words.by_ref().take(2), 2, line)?;
         let control: Result<_, _> = words.map(|word| self.vertex(word, line)).collect();
         let (control, rational) = (control?, self.rational);
@@ -136,11 +131,11 @@ impl Reader {
 }
 
 impl Spline {
-    fn finish(self, vertices: &[Vertex]) -> Result<Curve, ObjError> {
+    fn finish(self, vertices: &[Vertex]) -> Result<Curve, Error> {
         let knots = KnotVector::new(self.degree, self.knots)?;
         if <[f64; 2]>::from(knots.domain()) != self.ends {
-            let what = "curves that use only a part of their domain are not supported";
-            return Err(ObjError::FreeForm { line: self.line, what });
+            let line = self.line;
+            bail!("line {line}: curves that use only a part of their domain are not supported");
         }
         let vertices = self.control.iter().map(|&vertex| vertices[vertex as usize]);
         fn weight(weight: f64, rational: bool) -> f64 {
@@ -152,9 +147,13 @@ impl Spline {
     }
 }
 
-fn polyline(vertices: &[Vertex], mut chain: Vec<u32>) -> Result<Curve, ObjError> {
+fn second_curve(line: usize) -> Error {
+    Error::new(format!("line {line}: a second curve begins, which does not continue the first one"))
+}
+
+fn polyline(vertices: &[Vertex], mut chain: Vec<u32>) -> Result<Curve, Error> {
     if chain.is_empty() {
-        return Err(ObjError::NoCurve);
+        bail!("the file has no curve: no line `l` and no `curv`");
     }
     let is_closed = chain.len() > 3 && chain.first() == chain.last();
     if is_closed {
@@ -166,8 +165,6 @@ fn polyline(vertices: &[Vertex], mut chain: Vec<u32>) -> Result<Curve, ObjError>
 
 #[cfg(test)]
 mod tests {
-    use maquette_value::CurveError;
-
     use super::*;
     use crate::hostile;
 
@@ -186,17 +183,23 @@ mod tests {
     #[test]
     fn connected_lines_are_one_curve() {
         let vertices = "v 0 0 0\nv 1 0 0\nv 1 1 0\n";
-        fn read(lines: &str, vertices: &str) -> Result<Curve, ObjError> {
+        fn read(lines: &str, vertices: &str) -> Result<Curve, Error> {
             read_curve(format!("{vertices}{lines}").as_bytes())
         }
         let open = read("l 1 2\nl 2 3/7\n", vertices).unwrap();
         assert_eq!((open.points().len(), open.is_closed()), (3, false));
         assert!(read("l 1 2\nl 2 3\nl -1 -3", vertices).unwrap().is_closed());
-        assert_eq!(read("l 1 2\nl 3 1\n", vertices), Err(ObjError::SecondCurve { line: 5 }));
-        assert_eq!(read("f 1 2 3\n", vertices), Err(ObjError::NoCurve));
-        assert_eq!(read("l 1 1\n", vertices), Err(CurveError::TooFew { count: 1, min: 2 }.into()));
-        let text = read("l 1 4\n", vertices).unwrap_err().to_string();
-        assert_eq!(text, "line 4: there is no v 4 among the 3 so far");
+        for (lines, error) in [
+            (
+                "l 1 2\nl 3 1\n",
+                "line 5: a second curve begins, which does not continue the first one",
+            ),
+            ("f 1 2 3\n", "the file has no curve: no line `l` and no `curv`"),
+            ("l 1 1\n", "1 points are too few for a curve: at least 2 are needed"),
+            ("l 1 4\n", "line 4: there is no v 4 among the 3 so far"),
+        ] {
+            assert_eq!(read(lines, vertices).unwrap_err().to_string(), error);
+        }
     }
 
     #[test]

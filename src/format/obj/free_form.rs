@@ -94,7 +94,7 @@ impl FileReader for CurveObj {
     const EXTENSIONS: &'static [&'static str] = &["obj"];
 
     fn read(file: &InputFile<'_>) -> Result<Curve, Error> {
-        Ok(super::read_curve(file.bytes())?)
+        super::read_curve(file.bytes())
     }
 }
 

@@ -1,15 +1,16 @@
 //! Reads lines of OBJ files, and the numbers in them.
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use memchr::{memchr, memchr_iter};
 
-use super::ObjError;
-use crate::{excerpt, parse_real};
+use crate::{not_a_number, parse_real};
 
 /// Calls `read` with each line and its number. A line that ends with `\` is joined with the next one. Comments are not removed.
 pub(super) fn for_lines(
     bytes: &[u8],
-    mut read: impl FnMut(&[u8], usize) -> Result<(), ObjError>,
-) -> Result<(), ObjError> {
+    mut read: impl FnMut(&[u8], usize) -> Result<(), Error>,
+) -> Result<(), Error> {
     // Very old programs end lines with CR alone.
     let end = if memchr(b'\n', bytes).is_some() { b'\n' } else { b'\r' };
     let mut start = 0;
@@ -45,16 +46,11 @@ pub(super) fn without_comment(text: &[u8]) -> &[u8] {
 }
 
 /// Converts an index of a file to an index from 0. In the file, 1 is the first element and -1 the last element so far.
-pub(super) fn resolve(
-    index: i64,
-    what: &'static str,
-    count: usize,
-    line: usize,
-) -> Result<usize, ObjError> {
+pub(super) fn resolve(index: i64, what: &str, count: usize, line: usize) -> Result<usize, Error> {
     let resolved = if index < 0 { index + count as i64 } else { index - 1 };
     match usize::try_from(resolved) {
         Ok(resolved) if resolved < count => Ok(resolved),
-        _ => Err(ObjError::Index { line, what, index, count }),
+        _ => bail!("line {line}: there is no {what} {index} among the {count} so far"),
     }
 }
 
@@ -63,15 +59,15 @@ pub(super) fn numbers<'a, const N: usize>(
     words: impl Iterator<Item = &'a [u8]>,
     min: usize,
     line: usize,
-) -> Result<([f64; N], usize), ObjError> {
+) -> Result<([f64; N], usize), Error> {
     let mut numbers = [0.0; N];
     let mut found = 0;
     for (number, word) in numbers.iter_mut().zip(words) {
-        *number = parse_real(word).ok_or_else(|| ObjError::Number { line, text: excerpt(word) })?;
+        *number = parse_real(word).ok_or_else(|| not_a_number(line, word))?;
         found += 1;
     }
     if found < min {
-        return Err(ObjError::Count { line, found, expected: min });
+        bail!("line {line}: expected at least {min} numbers, found {found}");
     }
     Ok((numbers, found))
 }

@@ -1,6 +1,8 @@
 //! The header of a PCD file.
 
-use super::PcdError;
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
+
 use crate::{excerpt, parse, words};
 
 /// The storage type of a number.
@@ -136,36 +138,62 @@ struct Line<'a> {
 }
 
 impl<'a> Lines<'a> {
-    fn find(&self, keyword: &'static str) -> Result<(usize, &[&'a [u8]]), PcdError> {
-        let entry = self.entries.iter().find(|entry| entry.keyword == keyword.as_bytes());
-        let entry = entry.ok_or(PcdError::Missing { keyword })?;
-        Ok((entry.number, &entry.words))
+    fn find(&self, keyword: &str) -> Option<&Line<'a>> {
+        self.entries.iter().find(|entry| entry.keyword == keyword.as_bytes())
     }
 
-    /// Returns the number of the line with the keyword, and the single number after the keyword.
-    fn number(&self, keyword: &'static str) -> Result<(usize, usize), PcdError> {
-        let (line, words) = self.find(keyword)?;
-        match words {
-            [word] => Ok((line, number(line, word)?)),
-            _ => Err(PcdError::Count { line, found: words.len(), expected: 1 }),
+    fn require(&self, keyword: &str) -> Result<&Line<'a>, Error> {
+        self.find(keyword).ok_or_else(|| missing_line(keyword))
+    }
+}
+
+impl Line<'_> {
+    /// Returns the number of the line, and the single number after the keyword.
+    fn single_number(&self) -> Result<(usize, usize), Error> {
+        match self.words[..] {
+            [word] => Ok((self.number, number(self.number, word)?)),
+            _ => Err(count_error(self.number, 1, self.words.len())),
+        }
+    }
+
+    fn check_count(&self, expected: usize) -> Result<&Self, Error> {
+        match self.words.len() {
+            found if found != expected => Err(count_error(self.number, expected, found)),
+            _ => Ok(self),
         }
     }
 }
 
-fn number(line: usize, word: &[u8]) -> Result<usize, PcdError> {
-    parse(word).ok_or_else(|| PcdError::Value { line, text: excerpt(word) })
+fn missing_line(keyword: &str) -> Error {
+    Error::new(format!("the header has no line {keyword}"))
 }
 
-pub(super) fn read(bytes: &[u8]) -> Result<Header, PcdError> {
+pub(super) fn count_error(line: usize, expected: usize, found: usize) -> Error {
+    Error::new(format!("line {line}: expected {expected} values, found {found}"))
+}
+
+pub(super) fn value_error(line: usize, word: &[u8]) -> Error {
+    Error::new(format!("line {line}: `{}` is not a valid value", excerpt(word)))
+}
+
+fn too_large(line: usize) -> Error {
+    Error::new(format!("line {line}: the size is 0 or too large"))
+}
+
+fn number(line: usize, word: &[u8]) -> Result<usize, Error> {
+    parse(word).ok_or_else(|| value_error(line, word))
+}
+
+pub(super) fn read(bytes: &[u8]) -> Result<Header, Error> {
     if bytes.is_empty() {
-        return Err(PcdError::Empty);
+        bail!("the file is empty");
     }
     let mut lines = Lines::default();
     let mut start = 0;
     for line in 1.. {
         let rest = &bytes[start..];
         let Some(end) = rest.iter().position(|&byte| byte == b'\n') else {
-            return Err(PcdError::Missing { keyword: "DATA" });
+            return Err(missing_line("DATA"));
         };
         start += end + 1;
         let mut words = words(&rest[..end]);
@@ -175,10 +203,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PcdError> {
                     Some(b"ascii") => Encoding::Ascii,
                     Some(b"binary") => Encoding::Binary,
                     Some(b"binary_compressed") => Encoding::Compressed,
-                    other => {
-                        let text = excerpt(other.unwrap_or_default());
-                        return Err(PcdError::Value { line, text });
-                    }
+                    other => return Err(value_error(line, other.unwrap_or_default())),
                 };
                 return layout(&lines, encoding, start, line + 1);
             }
@@ -187,7 +212,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PcdError> {
                 keyword @ (b"VERSION" | b"FIELDS" | b"SIZE" | b"TYPE" | b"COUNT" | b"WIDTH"
                 | b"HEIGHT" | b"VIEWPOINT" | b"POINTS"),
             ) => lines.entries.push(Line { keyword, number: line, words: words.collect() }),
-            Some(other) => return Err(PcdError::Keyword { line, text: excerpt(other) }),
+            Some(other) => {
+                bail!("line {line}: `{}` is not a keyword of a PCD header", excerpt(other))
+            }
             None => {}
         }
     }
@@ -200,28 +227,28 @@ fn layout(
     encoding: Encoding,
     start: usize,
     start_line: usize,
-) -> Result<Header, PcdError> {
-    let (_, names) = lines.find("FIELDS")?;
+) -> Result<Header, Error> {
+    let names = &lines.require("FIELDS")?.words;
     let fields = fields(lines, names)?;
-    let (width_line, width) = lines.number("WIDTH")?;
-    let (height_line, height) = lines.number("HEIGHT")?;
-    let overflow = || PcdError::TooLarge { line: width_line };
+    let (width_line, width) = lines.require("WIDTH")?.single_number()?;
+    let (height_line, height) = lines.require("HEIGHT")?.single_number()?;
+    let overflow = || too_large(width_line);
     let count = width.checked_mul(height).filter(|&count| count > 0).ok_or_else(overflow)?;
-    match lines.number("POINTS") {
-        Ok((line, points)) if points != count => {
-            return Err(PcdError::Points { line, points, width, height });
+    if let Some(points) = lines.find("POINTS") {
+        let (line, points) = points.single_number()?;
+        if points != count {
+            bail!("line {line}: POINTS is {points}, but the grid is {width} x {height}");
         }
-        Ok(_) | Err(PcdError::Missing { .. }) => {}
-        Err(error) => return Err(error),
     }
-    let find = |name: &'static str| {
+    let find = |name: &str| {
         let index = names.iter().position(|given| *given == name.as_bytes());
         index.map(|index| fields[index]).filter(|field| field.bytes > 0)
     };
-    let required = |name| find(name).ok_or(PcdError::NoField { name });
-    let three = |[a, b, c]: [&'static str; 3]| Some([find(a)?, find(b)?, find(c)?]);
+    let no_field = |name| Error::new(format!("the points have no field {name}"));
+    let required = |name| find(name).ok_or_else(|| no_field(name));
+    let three = |[a, b, c]: [&str; 3]| Some([find(a)?, find(b)?, find(c)?]);
     let normal = three(["normal_x", "normal_y", "normal_z"]).or_else(|| three(["nx", "ny", "nz"]));
-    let last = fields.last().ok_or(PcdError::NoField { name: "x" })?;
+    let last = fields.last().ok_or_else(|| no_field("x"))?;
     let color = find("rgb").or_else(|| find("rgba"));
     let color = color.filter(|field| {
         matches!(field.scalar, Scalar::F32 | Scalar::U32 | Scalar::I32) && field.bytes == 4
@@ -239,7 +266,7 @@ fn layout(
         .zip(&fields)
         .filter(|(name, field)| !read.contains(&field.index) && field.bytes > 0 && **name != b"_");
     let others = others.flat_map(|(name, field)| field.split(&String::from_utf8_lossy(name)));
-    let viewpoint = lines.find("VIEWPOINT").map_or(&[][..], |(_, words)| words);
+    let viewpoint = lines.find("VIEWPOINT").map_or(&[][..], |line| &line.words);
     let usual = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
     let has_viewpoint = viewpoint.iter().zip(usual).any(|(word, usual)| parse(word) != Some(usual));
     let others = others.take(MAX_OTHERS).collect();
@@ -264,36 +291,26 @@ fn layout(
 }
 
 /// Returns the layout of all fields, in the order of the file.
-fn fields(lines: &Lines<'_>, names: &[&[u8]]) -> Result<Vec<Field>, PcdError> {
-    let per_field = |keyword| {
-        let (line, words) = lines.find(keyword)?;
-        match words.len() == names.len() {
-            true => Ok((line, words)),
-            false => Err(PcdError::Count { line, found: words.len(), expected: names.len() }),
-        }
-    };
-    let (size_line, sizes) = per_field("SIZE")?;
-    let (type_line, types) = per_field("TYPE")?;
-    let counts = match per_field("COUNT") {
-        Err(PcdError::Missing { .. }) => None,
-        counts => Some(counts?),
-    };
+fn fields(lines: &Lines<'_>, names: &[&[u8]]) -> Result<Vec<Field>, Error> {
+    let sizes = lines.require("SIZE")?.check_count(names.len())?;
+    let types = lines.require("TYPE")?.check_count(names.len())?;
+    let counts = lines.find("COUNT").map(|line| line.check_count(names.len())).transpose()?;
     let (mut offset, mut index) = (0usize, 0usize);
     let mut fields = Vec::with_capacity(names.len());
-    for (k, (&size_word, &kind)) in sizes.iter().zip(types).enumerate() {
-        let size = number(size_line, size_word)?;
+    for (k, (size_word, kind)) in sizes.words.iter().zip(&types.words).enumerate() {
+        let size = number(sizes.number, size_word)?;
         let scalar = (kind.len() == 1).then(|| Scalar::new(kind[0], size)).flatten();
-        let scalar = scalar.ok_or_else(|| PcdError::Value {
-            line: type_line,
-            text: format!("{} of {size} bytes", excerpt(kind)),
-        })?;
-        let (line, count) = match counts {
-            Some((line, counts)) => (line, number(line, counts[k])?),
-            None => (size_line, 1),
+        let Some(scalar) = scalar else {
+            let (line, kind) = (types.number, excerpt(kind));
+            bail!("line {line}: `{kind} of {size} bytes` is not a valid value");
         };
-        let bytes = count.checked_mul(size).ok_or(PcdError::TooLarge { line })?;
+        let (line, count) = match counts {
+            Some(counts) => (counts.number, number(counts.number, counts.words[k])?),
+            None => (sizes.number, 1),
+        };
+        let bytes = count.checked_mul(size).ok_or_else(|| too_large(line))?;
         fields.push(Field { scalar, offset, index, bytes });
-        offset = offset.checked_add(bytes).ok_or(PcdError::TooLarge { line })?;
+        offset = offset.checked_add(bytes).ok_or_else(|| too_large(line))?;
         index += count;
     }
     Ok(fields)

@@ -2,10 +2,11 @@
 
 use std::borrow::Cow;
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::Faces;
 use maquette_value::parallel::*;
 
-use super::error::PlyError;
 use super::header::{Element, Encoding, Header, Scalar};
 use super::table::Column;
 use crate::{FilePosition, excerpt, parse_real};
@@ -36,12 +37,14 @@ impl<'a> Body<'a> {
     }
 
     /// Checks that the rest of the file is long enough for an element. This is done before memory is reserved and rows are counted.
-    pub(super) fn check_room(&self, element: &Element) -> Result<(), PlyError> {
+    pub(super) fn check_room(&self, element: &Element) -> Result<(), Error> {
         let found = self.bytes.len() - self.next.min(self.bytes.len());
         let expected = element.count.saturating_mul(self.encoding.min_row_size(element));
         if found < expected {
-            let Element { name, count, line, .. } = element.clone();
-            return Err(PlyError::CutOff { line, name, count, found, expected });
+            let Element { name, count, line, .. } = element;
+            bail!(
+                "line {line}: {count} rows of `{name}` need at least {expected} bytes, but only {found} are left"
+            );
         }
         Ok(())
     }
@@ -58,7 +61,7 @@ impl<'a> Body<'a> {
     pub(super) fn take_rows(
         &mut self,
         element: &Element,
-    ) -> Result<Option<(&'a [u8], bool)>, PlyError> {
+    ) -> Result<Option<(&'a [u8], bool)>, Error> {
         if self.encoding == Encoding::Ascii {
             return Ok(None);
         }
@@ -97,7 +100,7 @@ impl<'a> Body<'a> {
     }
 
     /// Reads the next number, whose type is `scalar`.
-    pub(super) fn number(&mut self, scalar: Scalar) -> Result<f64, PlyError> {
+    pub(super) fn number(&mut self, scalar: Scalar) -> Result<f64, Error> {
         match self.encoding {
             Encoding::Ascii => self.word(scalar),
             Encoding::LittleEndian => Ok(little(scalar, self.take(scalar.size())?)),
@@ -106,16 +109,16 @@ impl<'a> Body<'a> {
     }
 
     /// Reads the length of a list.
-    pub(super) fn length(&mut self, scalar: Scalar) -> Result<usize, PlyError> {
+    pub(super) fn length(&mut self, scalar: Scalar) -> Result<usize, Error> {
         let length = self.number(scalar)?;
         if length < 0.0 || length.fract() != 0.0 {
-            return Err(PlyError::Length { at: self.position(), length });
+            bail!("{}: a list cannot have {length} entries", self.position());
         }
         Ok(length as usize)
     }
 
     /// Skips a list. `length` is the type of the list's length, `scalar` the type of its items.
-    pub(super) fn skip_list(&mut self, length: Scalar, scalar: Scalar) -> Result<(), PlyError> {
+    pub(super) fn skip_list(&mut self, length: Scalar, scalar: Scalar) -> Result<(), Error> {
         let length = self.length(length)?;
         if self.encoding == Encoding::Ascii {
             return (0..length).try_for_each(|_| self.number(scalar).map(drop));
@@ -123,21 +126,25 @@ impl<'a> Body<'a> {
         let end = length.checked_mul(scalar.size()).and_then(|size| self.next.checked_add(size));
         match end.filter(|&end| end <= self.bytes.len()) {
             Some(end) => self.next = end,
-            None => return Err(PlyError::Ends { at: FilePosition::Byte(self.bytes.len()) }),
+            None => return Err(ends_error(FilePosition::Byte(self.bytes.len()))),
         }
         Ok(())
     }
 
     /// Ends a row. In a text the line must end together with the row; otherwise a missing or additional number would shift all following
     /// rows.
-    pub(super) fn end_row(&self, element: &Element) -> Result<(), PlyError> {
+    pub(super) fn end_row(&self, element: &Element) -> Result<(), Error> {
         let mut rest = self.bytes[self.next..].iter();
         let next = rest.find(|byte| !matches!(byte, b' ' | b'\t'));
         let is_end = matches!(next, None | Some(b'\n' | b'\r'));
         if is_end || self.encoding != Encoding::Ascii {
             return Ok(());
         }
-        Err(PlyError::Row { at: self.position(), name: element.name.clone() })
+        bail!(
+            "{}: expected one row of `{}` per line: this line has too many numbers, or the previous one too few",
+            self.position(),
+            element.name
+        )
     }
 
     /// Returns a warning if there are data after the last element.
@@ -159,22 +166,22 @@ impl<'a> Body<'a> {
         }
     }
 
-    fn take(&mut self, size: usize) -> Result<&'a [u8], PlyError> {
+    fn take(&mut self, size: usize) -> Result<&'a [u8], Error> {
         let taken = self.bytes[self.next..].get(..size);
-        let taken = taken.ok_or(PlyError::Ends { at: FilePosition::Byte(self.bytes.len()) })?;
+        let taken = taken.ok_or_else(|| ends_error(FilePosition::Byte(self.bytes.len())))?;
         self.last = self.next;
         self.next += size;
         Ok(taken)
     }
 
-    fn word(&mut self, scalar: Scalar) -> Result<f64, PlyError> {
+    fn word(&mut self, scalar: Scalar) -> Result<f64, Error> {
         let rest = &self.bytes[self.next..];
         let blank = rest.iter().take_while(|byte| byte.is_ascii_whitespace()).count();
         self.line += rest[..blank].iter().filter(|&&byte| byte == b'\n').count();
         let rest = &rest[blank..];
         let length = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
         if length == 0 {
-            return Err(PlyError::Ends { at: self.position() });
+            return Err(ends_error(self.position()));
         }
         self.next += blank + length;
         let number = match scalar {
@@ -182,9 +189,15 @@ impl<'a> Body<'a> {
             Scalar::F32 => parse_real::<f32>(&rest[..length]).map(f64::from),
             _ => parse_real(&rest[..length]),
         };
-        number
-            .ok_or_else(|| PlyError::Number { at: self.position(), text: excerpt(&rest[..length]) })
+        match number {
+            Some(number) => Ok(number),
+            None => bail!("{}: `{}` is not a number", self.position(), excerpt(&rest[..length])),
+        }
     }
+}
+
+fn ends_error(at: FilePosition) -> Error {
+    Error::new(format!("{at}: the file ends too early"))
 }
 
 /// The number of bytes of a triangle: one for the number of its corners, and four for each of three corners.

@@ -2,10 +2,11 @@
 
 use std::borrow::Cow;
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::Faces;
 
 use super::body::{Body, Rows};
-use super::error::PlyError;
 use super::header::{CORNER_UV, Element, Property, Scalar, TEXCOORD};
 use super::table::{Column, Table};
 use crate::corners::FaceList;
@@ -29,7 +30,7 @@ impl FaceTable {
         body: &mut Body<'_>,
         alone: bool,
         notes: &mut Vec<String>,
-    ) -> Result<Self, PlyError> {
+    ) -> Result<Self, Error> {
         let corner_list = corner_list(element, notes);
         if alone
             && corner_list == Some(0)
@@ -107,7 +108,7 @@ impl FaceTable {
         element: &Element,
         body: &mut Body<'_>,
         notes: &mut Vec<String>,
-    ) -> Result<(), PlyError> {
+    ) -> Result<(), Error> {
         let mut corners = Vec::new();
         for _ in 0..element.count {
             for Property { name, length, scalar } in &element.properties {
@@ -166,9 +167,9 @@ fn corner_list(element: &Element, notes: &mut Vec<String>) -> Option<usize> {
 }
 
 /// Converts a number to a vertex index. It must be the last number that was read, because an error reports its position.
-fn corner(index: f64, body: &Body<'_>) -> Result<u32, PlyError> {
+pub(super) fn corner(index: f64, body: &Body<'_>) -> Result<u32, Error> {
     if !(0.0..f64::from(u32::MAX)).contains(&index) || index.fract() != 0.0 {
-        return Err(PlyError::Index { at: body.position(), index });
+        bail!("{}: there is no vertex {index}", body.position());
     }
     Ok(index as u32)
 }

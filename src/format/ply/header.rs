@@ -1,6 +1,8 @@
 //! Reads the header of a PLY file.
 
-use super::error::PlyError;
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
+
 use crate::{excerpt, parse, words};
 
 /// The usual name of the property with the texture coordinates of a face's corners.
@@ -161,7 +163,7 @@ impl Header {
     }
 }
 
-pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
+pub(super) fn read(bytes: &[u8]) -> Result<Header, Error> {
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
     let (mut info, mut attributes, mut face_attributes) = (Vec::new(), Vec::new(), Vec::new());
@@ -177,10 +179,14 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
         let text = &rest[..end.unwrap_or(rest.len())];
         let words: Vec<_> = words(text).collect();
         if line == 1 && words != [b"ply"] {
-            return Err(PlyError::NotPly);
+            bail!("expected `ply` in the first line: this is not a PLY file");
         }
-        start += end.ok_or(PlyError::EndlessHeader)? + 1;
-        let line_error = || PlyError::Header { line, text: excerpt(&words.join(&b' ')) };
+        let Some(end) = end else { bail!("the header has no line `end_header`") };
+        start += end + 1;
+        let line_error = || {
+            let text = excerpt(&words.join(&b' '));
+            Error::new(format!("line {line}: `{text}` is not a line of a PLY header"))
+        };
         match words[..] {
             [b"ply"] if line == 1 => {}
             [b"obj_info", name, number] => {
@@ -229,7 +235,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
                 element.properties.push(Property { name, length, scalar });
             }
             [b"end_header"] => {
-                let encoding = encoding.ok_or(PlyError::NoFormat)?;
+                let Some(encoding) = encoding else { bail!("the header has no line `format`") };
                 let start_line = line + 1;
                 return Ok(Header {
                     encoding,

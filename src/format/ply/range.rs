@@ -1,14 +1,16 @@
 //! Reads range grids from PLY files in the form of the Stanford 3D Scanning Repository: vertices, and an element `range_grid`. Each cell of
 //! the grid has the index of one vertex or of none.
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::RangeImage;
 use nalgebra::Point3;
 
 use super::body::Body;
-use super::error::PlyError;
+use super::faces::corner;
 use super::header::{self, Element, Header, Property};
-use super::skip;
 use super::table::Table;
+use super::{no_vertices, skip};
 use crate::losses;
 use crate::range_file::{Axes, RangeFile, Rows};
 
@@ -18,7 +20,7 @@ use crate::range_file::{Axes, RangeFile, Rows};
 /// `obj_info is_cyberware_data 1` comes from a Cyberware scanner: its unit is the meter, with y up and z towards the sensor.
 ///
 /// Returns an error if the bytes are not a PLY file with a grid, the file is truncated, or a cell refers to a missing vertex.
-pub fn read_range(bytes: &[u8]) -> Result<RangeFile, PlyError> {
+pub fn read_range(bytes: &[u8]) -> Result<RangeFile, Error> {
     let header = header::read(bytes)?;
     let mut body = Body::new(&header, bytes);
     let (mut vertices, mut cells) = (None, None);
@@ -41,8 +43,8 @@ pub fn read_range(bytes: &[u8]) -> Result<RangeFile, PlyError> {
             }
         }
     }
-    let (size, cells) = cells.ok_or(PlyError::NoGrid)?;
-    let vertices = vertices.ok_or(PlyError::NoVertices)?;
+    let (size, cells) = cells.ok_or_else(no_grid)?;
+    let vertices = vertices.ok_or_else(no_vertices)?;
     let range = gather(size, &cells, vertices, &mut notes)?;
     let cyberware = header.info("is_cyberware_data") == Some(1.0);
     Ok(RangeFile {
@@ -54,6 +56,10 @@ pub fn read_range(bytes: &[u8]) -> Result<RangeFile, PlyError> {
     })
 }
 
+fn no_grid() -> Error {
+    Error::new("the file has no element `range_grid`: its points are not a range image")
+}
+
 /// Marks a cell without a point.
 const NONE: u32 = u32::MAX;
 
@@ -62,18 +68,22 @@ fn read_cells(
     header: &Header,
     element: &Element,
     body: &mut Body<'_>,
-) -> Result<([usize; 2], Vec<u32>), PlyError> {
-    fn size(key: &'static str, header: &Header) -> Result<f64, PlyError> {
-        header.info(key).ok_or(PlyError::NoGridSize { key })
+) -> Result<([usize; 2], Vec<u32>), Error> {
+    fn size(key: &str, header: &Header) -> Result<f64, Error> {
+        let Some(size) = header.info(key) else {
+            bail!("the header has no line `obj_info {key}`");
+        };
+        Ok(size)
     }
     // A NaN is cast to 0, which is never the number of cells.
     let [columns, rows] = [size("num_cols", header)? as usize, size("num_rows", header)? as usize];
     let found = element.count;
     if columns.checked_mul(rows) != Some(found) || found == 0 {
-        return Err(PlyError::GridSize { line: element.line, found, columns, rows });
+        let line = element.line;
+        bail!("line {line}: the grid has {found} cells, but it is {columns} x {rows}");
     }
     if !element.properties.iter().any(|property| property.length.is_some()) {
-        return Err(PlyError::NoGrid);
+        return Err(no_grid());
     }
     let mut cells = Vec::with_capacity(found);
     for _ in 0..found {
@@ -84,12 +94,12 @@ fn read_cells(
                     0 => {}
                     1 => {
                         let index = body.number(*scalar)?;
-                        if !(0.0..f64::from(NONE)).contains(&index) || index.fract() != 0.0 {
-                            return Err(PlyError::Index { at: body.position(), index });
-                        }
-                        cell = index as u32;
+                        cell = corner(index, body)?;
                     }
-                    count => return Err(PlyError::Cell { at: body.position(), count }),
+                    count => {
+                        let at = body.position();
+                        bail!("{at}: a cell of a grid has one point or none, not {count}")
+                    }
                 },
                 (Some(length), _) => body.skip_list(*length, *scalar)?,
                 (None, _) => drop(body.number(*scalar)?),
@@ -107,13 +117,13 @@ fn gather(
     cells: &[u32],
     mut vertices: Table<'_>,
     notes: &mut Vec<String>,
-) -> Result<RangeImage, PlyError> {
-    let fields = vertices.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
+) -> Result<RangeImage, Error> {
+    let fields = vertices.take(["x", "y", "z"]).ok_or_else(no_vertices)?;
     let positions = vertices.rows.gather(&fields, Point3::from);
     let count = positions.len();
     let missing = cells.iter().find(|&&vertex| vertex != NONE && count <= vertex as usize);
     if let Some(&vertex) = missing {
-        return Err(PlyError::NoVertex { vertex, vertices: count });
+        bail!("a cell refers to vertex {vertex}, but there are only {count} vertices");
     }
     let points = cells
         .iter()

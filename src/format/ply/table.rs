@@ -2,11 +2,11 @@
 
 use std::borrow::Cow;
 
+use maquette_syntax::error::Error;
 use maquette_value::{Attribute, Mesh, Rgb};
 use nalgebra::Point3;
 
 use super::body::{Body, Rows};
-use super::error::PlyError;
 use super::faces::FaceTable;
 use super::header::{Element, Header, Kind, Property, Scalar};
 use crate::colors::{self, ColorRange};
@@ -34,7 +34,7 @@ pub(super) struct Column {
 
 impl<'a> Table<'a> {
     /// Reads the rows of an element. Binary rows of equal length are used unchanged; all others are converted to doubles.
-    pub(super) fn read(element: &Element, body: &mut Body<'a>) -> Result<Self, PlyError> {
+    pub(super) fn read(element: &Element, body: &mut Body<'a>) -> Result<Self, Error> {
         let properties = element.properties.iter();
         let scalars = properties.clone().filter(|property| property.length.is_none());
         let raw = if scalars.clone().count() == element.properties.len() {
@@ -146,8 +146,8 @@ impl<'a> Table<'a> {
         header: &Header,
         faces: FaceTable,
         notes: &mut Vec<String>,
-    ) -> Result<(Mesh, FiniteMask), PlyError> {
-        let columns = self.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
+    ) -> Result<(Mesh, FiniteMask), Error> {
+        let columns = self.take(["x", "y", "z"]).ok_or_else(super::no_vertices)?;
         let mut positions = self.rows.gather(&columns, Point3::from);
         let finite = FiniteMask::clear_non_finite(&mut positions);
         let (uv, faces_table) = (faces.uv, faces.scalars);
@@ -236,11 +236,7 @@ impl<'a> Table<'a> {
 }
 
 /// Reads all scalar properties of an element, row by row, as little-endian doubles.
-fn read_numbers(
-    element: &Element,
-    body: &mut Body<'_>,
-    stride: usize,
-) -> Result<Vec<u8>, PlyError> {
+fn read_numbers(element: &Element, body: &mut Body<'_>, stride: usize) -> Result<Vec<u8>, Error> {
     // Rows without properties take no bytes, so a small file may state any number of them.
     if element.properties.is_empty() {
         return Ok(Vec::new());

@@ -15,7 +15,7 @@ use super::header::{self, CORNER_UV, Kind, TEXCOORD};
 use crate::losses;
 use crate::rows::{Rows, Table, concatenate, fill_column, floats, indices};
 use crate::upright::{upright_points, upright_sign};
-use crate::{CoordinateOverflow, check_mesh, finite, mesh_precision_note, picture_file};
+use crate::{check_mesh, finite, mesh_precision_note, picture_file};
 
 /// Writes a mesh with all attributes of its vertices and faces. If it has no vertex colors, those of its texture are written.
 pub(crate) struct MeshPly;
@@ -169,12 +169,12 @@ impl<'a> TableColumn<'a> {
 /// vertices.
 ///
 /// Returns an error if a coordinate is too large for single precision.
-pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, CoordinateOverflow> {
+pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, Error> {
     Ok(content(mesh, "", 1.0)?.into_bytes())
 }
 
 /// Creates the file of [`encode`] in pieces. `lines` is inserted after the `format` line; y and z of all vectors are multiplied by `sign`.
-fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, CoordinateOverflow> {
+fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, Error> {
     check_mesh(mesh)?;
     let vertex = mesh.vertex();
     let positions = mesh.positions();

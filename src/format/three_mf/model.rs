@@ -3,11 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::str::FromStr;
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use maquette_value::Rgb;
 use nalgebra::{Matrix4, Point3};
 use roxmltree::{Document, Node};
 
-use super::read::ThreeMfReadError;
 use crate::{MAX_NAMESPACES, excerpt, has_many_namespaces, parse_real};
 
 /// The content of a model part, one of the files in the archive.
@@ -61,26 +62,18 @@ pub(super) struct Component {
 
 impl Model {
     /// Parses the part `name` of an archive. Adds warnings about data that are left out.
-    pub(super) fn read(
-        name: &str,
-        bytes: &[u8],
-        notes: &mut Vec<String>,
-    ) -> Result<Self, ThreeMfReadError> {
-        fn model_error(line: u32, message: String, name: &str) -> ThreeMfReadError {
-            ThreeMfReadError::Wrong { part: name.to_owned(), line, message }
-        }
-        let text = str::from_utf8(bytes)
-            .map_err(|_| model_error(1, "it is not text in UTF-8".into(), name))?;
+    pub(super) fn read(name: &str, bytes: &[u8], notes: &mut Vec<String>) -> Result<Self, Error> {
+        let Ok(text) = str::from_utf8(bytes) else {
+            bail!("`{name}`, line 1: it is not text in UTF-8");
+        };
         if has_many_namespaces(bytes) {
-            return Err(model_error(
-                1,
-                format!("it declares more than {MAX_NAMESPACES} namespaces"),
-                name,
-            ));
+            bail!("`{name}`, line 1: it declares more than {MAX_NAMESPACES} namespaces");
         }
         let text = text.trim_start_matches('\u{feff}');
-        let document = Document::parse(text)
-            .map_err(|error| model_error(error.pos().row, error.to_string(), name))?;
+        let document = Document::parse(text).map_err(|error| {
+            let line = error.pos().row;
+            Error::new(format!("`{name}`, line {line}: {error}"))
+        })?;
         let part = Part { name, document: &document };
         part.model(document.root_element(), notes)
     }
@@ -110,12 +103,10 @@ struct Part<'a> {
     document: &'a Document<'a>,
 }
 
-type ModelResult<T> = Result<T, ThreeMfReadError>;
-
 impl Part<'_> {
-    fn node_error(&self, node: Node<'_, '_>, message: String) -> ThreeMfReadError {
+    fn node_error(&self, node: Node<'_, '_>, message: String) -> Error {
         let line = self.document.text_pos_at(node.range().start).row;
-        ThreeMfReadError::Wrong { part: self.name.to_owned(), line, message }
+        Error::new(format!("`{}`, line {line}: {message}", self.name))
     }
 
     /// Parses an optional attribute.
@@ -123,7 +114,7 @@ impl Part<'_> {
         &self,
         node: Node<'_, '_>,
         name: &str,
-    ) -> ModelResult<Option<T>> {
+    ) -> Result<Option<T>, Error> {
         let Some(text) = node.attribute(name) else { return Ok(None) };
         text.trim().parse().map(Some).map_err(|_| {
             let text = excerpt(text.as_bytes());
@@ -134,19 +125,19 @@ impl Part<'_> {
         })
     }
 
-    fn attribute<T: FromStr>(&self, node: Node<'_, '_>, name: &str) -> ModelResult<T> {
+    fn attribute<T: FromStr>(&self, node: Node<'_, '_>, name: &str) -> Result<T, Error> {
         self.optional_attribute(node, name)?.ok_or_else(|| {
             self.node_error(node, format!("`{}` has no `{name}`", node.tag_name().name()))
         })
     }
 
     /// Parses a coordinate, which may be NaN.
-    fn real(&self, node: Node<'_, '_>, name: &str) -> ModelResult<f64> {
+    fn real(&self, node: Node<'_, '_>, name: &str) -> Result<f64, Error> {
         let text = node.attribute(name).map(|text| text.trim().as_bytes());
         text.and_then(parse_real).map_or_else(|| self.attribute(node, name), Ok)
     }
 
-    fn model(&self, root: Node<'_, '_>, notes: &mut Vec<String>) -> ModelResult<Model> {
+    fn model(&self, root: Node<'_, '_>, notes: &mut Vec<String>) -> Result<Model, Error> {
         if root.tag_name().name() != "model" {
             return Err(self.node_error(
                 root,
@@ -206,7 +197,7 @@ impl Part<'_> {
                         pictures.get(&self.attribute(node, "texid")?).cloned().unwrap_or_default();
                     let uv =
                         elements(node).map(|it| Ok([self.real(it, "u")?, self.real(it, "v")?]));
-                    let uv = uv.collect::<ModelResult<_>>()?;
+                    let uv = uv.collect::<Result<_, Error>>()?;
                     model.groups.insert(self.attribute(node, "id")?, Group::Picture { path, uv });
                 }
                 other => drop(others.insert(other)),
@@ -225,7 +216,12 @@ impl Part<'_> {
         Ok(model)
     }
 
-    fn colors(&self, group: Node<'_, '_>, element: &str, attribute: &str) -> ModelResult<Vec<Rgb>> {
+    fn colors(
+        &self,
+        group: Node<'_, '_>,
+        element: &str,
+        attribute: &str,
+    ) -> Result<Vec<Rgb>, Error> {
         let entries = elements(group).filter(|node| node.tag_name().name() == element);
         entries
             .map(|node| {
@@ -253,7 +249,7 @@ impl Part<'_> {
         &self,
         node: Node<'d, '_>,
         others: &mut BTreeSet<&'d str>,
-    ) -> ModelResult<Object> {
+    ) -> Result<Object, Error> {
         let group: Option<u32> = self.optional_attribute(node, "pid")?;
         let entry: u32 = self.optional_attribute(node, "pindex")?.unwrap_or_default();
         let mut shape = Shape::Components(Vec::new());
@@ -262,7 +258,7 @@ impl Part<'_> {
                 "mesh" => shape = self.mesh(child, group, others)?,
                 "components" => {
                     let components = elements(child).map(|node| self.component(node));
-                    shape = Shape::Components(components.collect::<ModelResult<_>>()?);
+                    shape = Shape::Components(components.collect::<Result<_, Error>>()?);
                 }
                 "metadatagroup" => {}
                 other => drop(others.insert(other)),
@@ -276,7 +272,7 @@ impl Part<'_> {
         node: Node<'d, '_>,
         group: Option<u32>,
         others: &mut BTreeSet<&'d str>,
-    ) -> ModelResult<Shape> {
+    ) -> Result<Shape, Error> {
         let (mut positions, mut triangles) = (Vec::new(), Vec::new());
         for list in elements(node) {
             match list.tag_name().name() {
@@ -302,7 +298,7 @@ impl Part<'_> {
         node: Node<'_, '_>,
         group: Option<u32>,
         count: usize,
-    ) -> ModelResult<Triangle> {
+    ) -> Result<Triangle, Error> {
         let [a, b, c] = ["v1", "v2", "v3"].map(|name| self.attribute::<u32>(node, name));
         let vertices = [a?, b?, c?];
         if let Some(vertex) = vertices.iter().find(|&&vertex| count <= vertex as usize) {
@@ -329,7 +325,7 @@ impl Part<'_> {
         Ok(Triangle { vertices, look })
     }
 
-    fn component(&self, node: Node<'_, '_>) -> ModelResult<Component> {
+    fn component(&self, node: Node<'_, '_>) -> Result<Component, Error> {
         let object = self.attribute(node, "objectid")?;
         // `path` is an attribute of the production extension, whose prefix may be any.
         let part = node.attributes().find(|it| it.name() == "path").map(|it| it.value().to_owned());

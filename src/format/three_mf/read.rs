@@ -2,58 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use maquette_value::{Attribute, Image, Mesh, MeshError, Rgb};
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
+use maquette_value::{Attribute, Image, Mesh, Rgb};
 use nalgebra::{Matrix4, Point3};
-use thiserror::Error;
 
 use super::model::{Appearance, Group, Model, Object, Shape};
 use crate::corners::{FaceList, add_corner_data};
 use crate::finite::{self, FiniteMask};
-use crate::zip::{Archive, ArchiveError};
+use crate::zip::Archive;
 use crate::{max_memory, picture_file};
-
-/// Error of reading a mesh from a 3MF file.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub(crate) enum ThreeMfReadError {
-    /// The file is not a ZIP archive, or is damaged.
-    #[error("a 3MF file is a ZIP archive, but {0}")]
-    Archive(#[from] ArchiveError),
-    /// The archive does not contain a part.
-    #[error("the archive has no part `{name}`: it is not a 3MF file, or is damaged")]
-    NoPart {
-        /// The name of the missing part.
-        name: String,
-    },
-    /// The XML is invalid or incomplete.
-    #[error("`{part}`, line {line}: {message}")]
-    Wrong {
-        /// The name of the part with the error.
-        part: String,
-        /// The number of the line, from 1.
-        line: u32,
-        /// The description of the error.
-        message: String,
-    },
-    /// An object is a component of itself, or components are nested too deeply.
-    #[error(
-        "object {object} is a component of itself, or nested more than {MAX_NESTING} levels deep"
-    )]
-    Nested {
-        /// The id of the object.
-        object: u32,
-    },
-    /// The components would take too much memory.
-    #[error(
-        "the components have more than {MAX_TRIANGLES_PER_BYTE} triangles per byte of the file: simplify the assembly before the export"
-    )]
-    TooMany,
-    /// The build plate has no mesh.
-    #[error("the file has no triangles")]
-    Empty,
-    /// The vertices and faces are not a valid mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-}
 
 const MAX_NESTING: usize = 64;
 
@@ -66,12 +24,12 @@ const MODEL: &str = "3D/3dmodel.model";
 /// Reads all items to build as one mesh, y up and in mm, with warnings about data that are left out.
 ///
 /// Returns an error if the bytes are not a 3MF file, the file is damaged, or it has no triangles.
-pub(crate) fn read(bytes: &[u8]) -> Result<(Mesh, Vec<String>), ThreeMfReadError> {
-    let archive = Archive::open(bytes)?;
+pub(crate) fn read(bytes: &[u8]) -> Result<(Mesh, Vec<String>), Error> {
+    let archive = Archive::open(bytes).map_err(|error| archive_error(&error))?;
     let limit = max_memory(bytes.len());
     let root =
         archive.find(MODEL).or_else(|| archive.names().find(|name| name.ends_with(".model")));
-    let root = root.ok_or(ThreeMfReadError::NoPart { name: MODEL.to_owned() })?.to_owned();
+    let root = root.ok_or_else(|| missing_part(MODEL))?.to_owned();
     let mut notes = Vec::new();
     let mut models = BTreeMap::new();
     let mut wanted = vec![root.clone()];
@@ -79,11 +37,10 @@ pub(crate) fn read(bytes: &[u8]) -> Result<(Mesh, Vec<String>), ThreeMfReadError
         if models.contains_key(&name) {
             continue;
         }
-        let text = archive.read(&name, limit)?;
+        let text = archive.read(&name, limit).map_err(|error| archive_error(&error))?;
         let model = Model::read(&name, &text, &mut notes)?;
         for path in model.parts() {
-            let part =
-                archive.find(path).ok_or(ThreeMfReadError::NoPart { name: path.to_owned() })?;
+            let part = archive.find(path).ok_or_else(|| missing_part(path))?;
             wanted.push(part.to_owned());
         }
         models.insert(name, model);
@@ -105,6 +62,14 @@ pub(crate) fn read(bytes: &[u8]) -> Result<(Mesh, Vec<String>), ThreeMfReadError
     }
     assembly.notes.splice(0..0, notes);
     assembly.finish(limit)
+}
+
+fn archive_error(error: &Error) -> Error {
+    Error::new(format!("a 3MF file is a ZIP archive, but {error}"))
+}
+
+fn missing_part(name: &str) -> Error {
+    Error::new(format!("the archive has no part `{name}`: it is not a 3MF file, or is damaged"))
 }
 
 /// Collects the meshes of all build items.
@@ -157,9 +122,11 @@ impl<'a> Assembly<'a> {
         object: u32,
         motion: &Matrix4<f64>,
         depth: usize,
-    ) -> Result<(), ThreeMfReadError> {
+    ) -> Result<(), Error> {
         if depth > MAX_NESTING {
-            return Err(ThreeMfReadError::Nested { object });
+            bail!(
+                "object {object} is a component of itself, or nested more than {MAX_NESTING} levels deep"
+            );
         }
         let models = self.models;
         let model = &models[part];
@@ -185,10 +152,12 @@ impl<'a> Assembly<'a> {
         model: &Model,
         object: &Object,
         motion: &Matrix4<f64>,
-    ) -> Result<(), ThreeMfReadError> {
+    ) -> Result<(), Error> {
         let Shape::Mesh { positions, triangles } = &object.shape else { return Ok(()) };
         if self.counts[2] + triangles.len() > self.max_triangles {
-            return Err(ThreeMfReadError::TooMany);
+            bail!(
+                "the components have more than {MAX_TRIANGLES_PER_BYTE} triangles per byte of the file: simplify the assembly before the export"
+            );
         }
         let first = self.positions.len() as u32;
         // The build plate has z up, but meshes have y up.
@@ -258,9 +227,9 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    fn finish(mut self, limit: usize) -> Result<(Mesh, Vec<String>), ThreeMfReadError> {
+    fn finish(mut self, limit: usize) -> Result<(Mesh, Vec<String>), Error> {
         if self.counts[2] == 0 && self.left_out == 0 {
-            return Err(ThreeMfReadError::Empty);
+            bail!("the file has no triangles");
         }
         self.notes.extend(finite::left_out_note(self.left_out, "face"));
         self.notes.extend(self.faces.notes());

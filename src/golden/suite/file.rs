@@ -62,7 +62,7 @@ impl FileKind {
                 let read = handles::read_ron(text.as_bytes(), HandleSpace::default());
                 (
                     read.err()
-                        .map(|error: handles::HandlesFileError| {
+                        .map(|error| {
                             file_diagnostic(
                                 code::WRONG_VALUE,
                                 path,
