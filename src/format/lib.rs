@@ -60,5 +60,5 @@ pub(crate) use common::{
     BLOCK, MAX_NAMESPACES, check_mesh, check_single, excerpt, has_many_namespaces, max_memory,
     mesh_precision_note, open_mesh_note, parse, parse_real, precision_note, words,
 };
-pub use common::{CoordinateOverflow, FilePosition};
+pub use common::{CoordinateOverflow, FilePosition, data_uri};
 pub use formats::{FORMATS, PACK, READERS, read};
