@@ -122,7 +122,6 @@ pub fn fit_surface(
 #[cfg(test)]
 mod tests {
     use maquette_base::parameters::{parameters, uniform_parameters};
-
     use nalgebra::Point3;
 
     use super::super::blend::blend;

@@ -4,6 +4,8 @@
 
 use std::fmt::Write;
 
+use maquette_syntax::diagnostics::escape_xml;
+
 use super::layout::{Layout, Link, LinkEnd, Node, layout};
 use super::{Block, Drawing};
 
@@ -146,7 +148,7 @@ impl Picture<'_> {
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
              viewBox=\"0 0 {width} {height}\" role=\"img\" font-family=\"{FONTS}\">\n"
         );
-        let _ = writeln!(svg, "<title>{}</title>", escape_xml(&self.drawing.doc));
+        let _ = writeln!(svg, "<title>{}</title>", escape(&self.drawing.doc));
         self.links(&columns, &mut svg);
         for index in 0..self.drawing.boxes.len() {
             self.block(index, self.place(index, &columns), &mut svg);
@@ -294,25 +296,14 @@ fn text(text: &str, style: &Style<'_>, svg: &mut String) {
     let _ = writeln!(
         svg,
         "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"{size}\" fill=\"{fill}\" {more}>{}</text>",
-        escape_xml(text)
+        escape(text)
     );
 }
 
-/// Escapes a text for XML. Replaces control characters, which XML does not allow, by spaces.
-fn escape_xml(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '&' => escaped += "&amp;",
-            '<' => escaped += "&lt;",
-            '>' => escaped += "&gt;",
-            '"' => escaped += "&quot;",
-            '\u{fffe}' | '\u{ffff}' => escaped.push('\u{fffd}'),
-            letter if letter.is_control() => escaped.push(' '),
-            letter => escaped.push(letter),
-        }
-    }
-    escaped
+/// Escapes a text for XML. Control characters, which XML does not allow, become spaces.
+fn escape(text: &str) -> String {
+    let text = text.replace(char::is_control, " ");
+    escape_xml(text.replace(['\u{fffe}', '\u{ffff}'], "\u{fffd}"))
 }
 
 #[cfg(test)]

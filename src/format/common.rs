@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
 use maquette_syntax::bail;
 use maquette_syntax::error::Error;
 use maquette_value::Mesh;
@@ -168,4 +170,9 @@ pub(crate) fn has_many_namespaces(xml: &[u8]) -> bool {
 /// The words of a line, separated by ASCII white space.
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
+}
+
+/// Returns a URI that contains a file of this media type, such as `image/png`.
+pub fn data_uri(media_type: &str, file: &[u8]) -> String {
+    format!("data:{media_type};base64,{}", BASE64_STANDARD.encode(file))
 }

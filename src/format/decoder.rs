@@ -12,7 +12,6 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use ::image::error::{ImageError, LimitErrorKind};
 use ::image::{DynamicImage, ImageDecoder, Limits};
-
 use maquette_syntax::error::Error;
 use maquette_value::parallel::*;
 use maquette_value::{Image, srgb_from_linear};

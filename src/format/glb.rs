@@ -29,7 +29,6 @@ mod read;
 mod scene;
 
 use buffers::{Buffers, Vertices};
-
 pub(crate) use gltf::MeshGltf;
 use material_writer::MaterialWriter;
 pub(crate) use material_writer::{is_extension, vertex_colors_equal_material};

@@ -56,6 +56,7 @@ mod three_mf;
 mod upright;
 mod zip;
 
+pub use common::data_uri;
 pub(crate) use common::{
     BLOCK, FilePosition, MAX_NAMESPACES, check_mesh, check_single, count_error, excerpt,
     has_many_namespaces, max_memory, mesh_precision_note, not_a_number, open_mesh_note, parse,

@@ -166,7 +166,6 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-
     use crate::hostile;
 
     const GRIDS: [&[u8]; 4] = [

@@ -32,7 +32,7 @@ mod pack;
 mod precision;
 mod summary;
 
-use pack::{EARLIER, StoredNumbers, pack, unpack};
+use pack::{StoredNumbers, is_earlier, pack, unpack};
 use summary::{Line, exact, summary};
 
 /// A golden: the accepted value of an output. Its numbers and pictures are decoded only when they are needed.
@@ -239,7 +239,7 @@ pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, GoldenError> {
                 _ => {}
             }
         }
-    } else if bin.1.as_ref().is_some_and(|bytes| !bytes.starts_with(EARLIER)) {
+    } else if bin.1.as_ref().is_some_and(|bytes| !is_earlier(bytes)) {
         return Err(damaged_error(".bin", name));
     }
     Ok(Golden { bin: bin.1, png: png.1, view: view.1, ..golden })
@@ -260,9 +260,9 @@ impl Golden {
             .collect()
     }
 
-    /// Returns true if an earlier version of the program wrote the golden, in a format whose numbers do not suffice for a comparison.
+    /// Returns true if an earlier version of the program wrote the golden in a format whose numbers cannot be compared with a value.
     pub(crate) fn has_earlier_form(&self) -> bool {
-        self.line(FORM) != Some(THIS_FORM)
+        self.line(FORM) != Some(THIS_FORM) || self.bin.as_deref().is_some_and(is_earlier)
     }
 
     /// Returns the reason why the golden should be stored again even if the value has not changed, or `None`.

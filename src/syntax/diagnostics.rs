@@ -7,7 +7,7 @@ use crate::error::{Diagnostic, Position, Severity, Span};
 mod escape;
 
 use escape::sanitize_same_length;
-pub use escape::{escape_json, sanitize, sanitize_line};
+pub use escape::{escape_json, escape_xml, sanitize, sanitize_line};
 
 impl Diagnostic {
     /// Renders the diagnostic as the command line prints it, with source lines. Uses terminal colors if `color` is set. Visible symbols

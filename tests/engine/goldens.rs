@@ -136,7 +136,7 @@ fn a_budget_of_memory_is_kept() {
 #[test]
 fn a_damaged_golden_is_a_failure() {
     let found = failures(|folder| {
-        std::fs::write(folder.join("goldens/doll/long/blended.bin"), "golden2\nxyz").unwrap();
+        std::fs::write(folder.join("goldens/doll/long/blended.bin"), "golden3\nxyz").unwrap();
     });
     assert!(found.contains("blended.bin is not what blended.txt says of it"), "{found}");
     let found = failures(|folder| {

@@ -1,7 +1,8 @@
 //! Tests of the modes of a deformation: invariants, targets and reproduced motions.
 
-use super::*;
 use maquette_node::Error;
+
+use super::*;
 
 #[test]
 fn handles_meet_their_targets_in_every_form() {

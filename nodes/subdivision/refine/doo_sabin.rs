@@ -9,10 +9,10 @@
 //! 3/4 of its length. Order of new faces: first one inside each old face; then one across each old edge (across a border edge it has two
 //! inner vertices and two on the border); then one around each old vertex (around a border vertex it has two vertices on the border).
 
-use maquette_node::Error;
 use std::sync::Arc;
 
 use maquette_base::linear::weighted_mean::WeightedMean;
+use maquette_node::Error;
 use maquette_value::Faces;
 use maquette_value::memory::huge_vec;
 use maquette_value::parallel::*;

@@ -13,12 +13,12 @@
 //! variants of the mask function were slower: inlined into the loop it takes a third more time, and if it returns its tangents through
 //! memory the loop has to wait for them.
 
-use maquette_node::{Error, bail};
 use std::hint::black_box;
 use std::iter;
 use std::ops::Range;
 use std::sync::Arc;
 
+use maquette_node::{Error, bail};
 use maquette_value::Faces;
 use maquette_value::parallel::*;
 use nalgebra::Point3;

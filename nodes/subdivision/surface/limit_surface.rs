@@ -8,9 +8,9 @@
 //! result equals that of Stam's eigenvector method ("Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter values",
 //! 1998), but needs no tables and also supports creases.
 
-use maquette_node::{Error, bail};
 use std::sync::Arc;
 
+use maquette_node::{Error, bail};
 use maquette_value::{Faces, Mesh};
 use nalgebra::Point3;
 

@@ -2,9 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use base64::Engine as _;
-use base64::prelude::BASE64_STANDARD;
 use maquette_engine::writing::Sources;
+use maquette_format::data_uri;
 use maquette_golden::sweep::Sweep;
 use maquette_syntax::diagnostics::escape_json;
 use maquette_value::fs;
@@ -96,8 +95,7 @@ fn script() -> String {
 fn task_json(record: &Record, values: &[String], out: &Path) -> Json {
     let picture = record.picture.as_ref();
     let picture = picture.and_then(|picture| fs::read_no_follow(&out.join(&picture.path)).ok());
-    let picture =
-        picture.map(|bytes| format!("data:image/jpeg;base64,{}", BASE64_STANDARD.encode(&bytes)));
+    let picture = picture.map(|bytes| data_uri("image/jpeg", &bytes));
     json!({
         "name": record.name,
         "state": match record.state { State::Done => "done", State::Failed => "failed" },

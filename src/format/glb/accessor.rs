@@ -1,10 +1,10 @@
 //! The JSON document of a GLB file, and the numbers that its accessors refer to in the buffer.
 
-use maquette_syntax::bail;
-use maquette_syntax::error::Error;
 use std::array;
 use std::collections::BTreeMap;
 
+use maquette_syntax::bail;
+use maquette_syntax::error::Error;
 use serde::Deserialize;
 use serde_json::Value;
 

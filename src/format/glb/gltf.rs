@@ -131,13 +131,12 @@ pub(super) fn content(uri: &str, file: &InputFile<'_>) -> Result<Vec<u8>, String
 mod tests {
     use std::sync::Arc;
 
-    use base64::prelude::BASE64_STANDARD;
     use maquette_value::{Attribute, Faces, Image};
     use nalgebra::Point3;
 
     use super::*;
     use crate::glb::read;
-    use crate::png;
+    use crate::{data_uri, png};
 
     fn mesh() -> Mesh {
         let positions = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];
@@ -178,11 +177,8 @@ mod tests {
         document["images"] = json!([{ "uri": "my%20color.png" }]);
         let files = [("my mesh.bin", &buffer[..]), ("my color.png", &picture[..])];
         assert_eq!(read_with(&document, &files), Ok(expected_mesh.clone()));
-        document["images"][0]["uri"] =
-            format!("data:image/png;base64,{}", BASE64_STANDARD.encode(&picture)).into();
-        document["buffers"][0]["uri"] =
-            format!("data:application/octet-stream;base64,{}", BASE64_STANDARD.encode(&buffer))
-                .into();
+        document["images"][0]["uri"] = data_uri("image/png", &picture).into();
+        document["buffers"][0]["uri"] = data_uri("application/octet-stream", &buffer).into();
         assert_eq!(read_with(&document, &[]), Ok(nameless.clone()));
         // Each part of the mesh may be in a separate buffer.
         let half = buffer.len() / 2 / 8 * 8;
@@ -223,9 +219,7 @@ mod tests {
     fn a_glb_file_with_a_data_uri_is_read() {
         let glb = crate::glb::encode(&mesh()).unwrap();
         let (mut document, buffer) = split(&glb);
-        let text = BASE64_STANDARD.encode(&buffer);
-        document["buffers"][0]["uri"] =
-            format!("data:application/octet-stream;base64,{text}").into();
+        document["buffers"][0]["uri"] = data_uri("application/octet-stream", &buffer).into();
         let linked = container(&document, Vec::new()).unwrap();
         let file = InputFile::standalone("a.glb", &linked);
         assert_eq!(crate::read::<Mesh>(&file).unwrap(), read(&glb).unwrap());

@@ -499,15 +499,17 @@ mod tests {
     fn an_earlier_golden_format_is_reported_with_a_way_out() {
         let mesh = rough();
         let value = AnyValue::new(mesh.clone());
-        let mut golden = golden_of(&value);
-        golden.lines.retain(|(label, _)| label != FORM);
-        assert_eq!(golden.compare(&value, &[], &Tolerance::default()).verdict, Verdict::Identical);
-        assert!(golden.outdated_reason(&Tolerance::default()).is_some());
-        let comparison = golden.compare(&move_vertex(&mesh, 7, 1e-12), &[], &Tolerance::default());
-        assert!(
-            comparison.reasons[0].contains("earlier format")
-                && comparison.reasons[0].contains("--bless")
-        );
+        let mut without_form = golden_of(&value);
+        without_form.lines.retain(|(label, _)| label != FORM);
+        let other_bytes = Golden { bin: Some(b"golden2\n".into()), ..golden_of(&value) };
+        for golden in [without_form, other_bytes] {
+            let verdict = golden.compare(&value, &[], &Tolerance::default()).verdict;
+            assert_eq!(verdict, Verdict::Identical);
+            assert!(golden.outdated_reason(&Tolerance::default()).is_some());
+            let moved = move_vertex(&mesh, 7, 1e-12);
+            let reason = &golden.compare(&moved, &[], &Tolerance::default()).reasons[0];
+            assert!(reason.contains("earlier format") && reason.contains("--bless"), "{reason}");
+        }
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! Packs all numbers of a value into few bytes. The numbers are rounded far below the tolerance and predicted from their neighbors. The
-//! differences from the predictions (residuals) are compressed by an arithmetic coder.
+//! Packs all numbers of a value into few bytes. The numbers are rounded far below the tolerance, predicted from their neighbors, and the
+//! residuals of the prediction are compressed.
 
 use std::borrow::Cow;
 use std::sync::OnceLock;
@@ -9,23 +9,25 @@ use maquette_value::parallel::*;
 use nalgebra::Point3;
 use serde_json::{Value as Json, json};
 
-use self::coder::{Coder, EVEN, Reader, Writer};
-use self::numbers::{Layout, MeshNeighbors, WholeNumbers};
+use self::numbers::{DIGITS, Layout, MeshNeighbors, WholeNumbers};
+use self::streams::{Coder, Reader, Writer};
 use super::precision::{LastDigits, MAX_EXACT_NUMBERS, Precision, precision};
 use crate::compare::Tolerance;
 use crate::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
 
-mod coder;
 mod faces;
 mod numbers;
+mod streams;
 
 /// The names of the columns with the faces of a mesh, in the order in which they must be decoded.
 const FACES: [&str; 2] = [SIDES, CORNERS];
 
-const MAGIC: &[u8; 8] = b"golden2\n";
+const MAGIC: &[u8; 8] = b"golden3\n";
 
-/// The first bytes of a file of numbers in the earlier format.
-pub(super) const EARLIER: &[u8] = b"golden1\n";
+/// Returns true if the bytes are a golden in an earlier format.
+pub(super) fn is_earlier(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"golden1\n") || bytes.starts_with(b"golden2\n")
+}
 
 /// A column of numbers as a golden stores it.
 #[derive(Clone, Debug)]
@@ -165,7 +167,7 @@ pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) ->
             if !is_faces(part) {
                 return pack_column(part, layout, precision);
             }
-            let mut writer = Writer::new();
+            let mut writer = Writer::default();
             faces::code(&mut writer, &mesh.sides, &mesh.corners);
             writer.finish()
         };
@@ -211,7 +213,7 @@ fn is_faces(part: &GoldenColumn) -> bool {
 }
 
 fn pack_column(part: &GoldenColumn, layout: &Layout<'_>, precision: &Precision) -> Vec<u8> {
-    let mut writer = Writer::new();
+    let mut writer = Writer::default();
     if precision.step > 0.0 {
         let whole = round_to_step(part, precision);
         let read = numbers::code(&mut writer, layout, whole.odd.len(), &whole);
@@ -220,7 +222,7 @@ fn pack_column(part: &GoldenColumn, layout: &Layout<'_>, precision: &Precision) 
             code_digits(&mut writer, last.bits, &read, |place| fine.numbers[place] as u64);
         }
     } else {
-        code_bits(&mut writer, part.numbers.len(), |place| part.numbers[place].to_bits());
+        code_bits(&mut writer, part.numbers.iter().copied());
     }
     writer.finish()
 }
@@ -235,28 +237,14 @@ fn code_digits(
     (0..whole.numbers.len())
         .map(|place: usize| match whole.odd[place / whole.width] {
             true => 0,
-            false => coder.plain(bits, given(place) & ((1 << bits) - 1)) as u8,
+            false => coder.code(DIGITS, (given(place) & ((1 << bits) - 1)) as i64) as u8,
         })
         .collect()
 }
 
-/// Codes numbers to the last bit. They are coded byte by byte; frequent bytes at a position take less space.
-fn code_bits(coder: &mut impl Coder, count: usize, given: impl Fn(usize) -> u64) -> Vec<f64> {
-    let mut bits = vec![[EVEN; 256]; 8];
-    (0..count)
-        .map(|place: usize| {
-            let number = given(place).to_be_bytes();
-            let bytes = [0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| {
-                let mut node = 1;
-                for place in (0..8).rev() {
-                    node = 2 * node
-                        + usize::from(coder.bit(&mut bits[k][node], number[k] >> place & 1 == 1));
-                }
-                node as u8
-            });
-            f64::from_be_bytes(bytes)
-        })
-        .collect()
+/// Codes numbers to the last bit.
+fn code_bits(coder: &mut impl Coder, numbers: impl Iterator<Item = f64>) -> Vec<f64> {
+    numbers.map(|x| f64::from_bits(coder.code(0, x.to_bits() as i64) as u64)).collect()
 }
 
 const CLASSES: [(Class, &str); 5] = [
@@ -316,7 +304,7 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<StoredNumbers> {
             is_faces: faces,
             numbers: Vec::new(),
         };
-        let mut reader = Reader::new(packed_bytes);
+        let mut reader = Reader::new(packed_bytes, length)?;
         let (mut odd, mut digits) = (Vec::new(), Vec::new());
         if is_faces(&part) {
             let sides =
@@ -346,7 +334,7 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<StoredNumbers> {
                 .collect::<Vec<_>>();
             odd = whole.odd;
         } else {
-            part.numbers = code_bits(&mut reader, length, |_| 0);
+            part.numbers = code_bits(&mut reader, std::iter::repeat_n(0.0, length));
         }
         let mark = column["last"]["mark"].as_str().unwrap_or_default().to_owned();
         stored.columns.push(StoredColumn { part, precision, odd, digits, mark });

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use maquette_engine::digits::six_digits;
+use maquette_syntax::diagnostics::escape_xml as escape;
 
 use super::{Report, State};
 use crate::compare::Comparison;
@@ -20,7 +21,7 @@ pub fn document(report: &Report) -> String {
         report.seconds
     );
     for case in &report.cases {
-        let (graph, name) = (escape(&case.graph.display().to_string()), escape(&case.name));
+        let (graph, name) = (escape(case.graph.display()), escape(&case.name));
         let _ = writeln!(
             text,
             "<testcase classname=\"{graph}\" name=\"{name}\" time=\"{:.3}\">",
@@ -30,13 +31,13 @@ pub fn document(report: &Report) -> String {
             text.push_str("<properties>");
             for output in &case.outputs {
                 let name = escape(&output.name);
-                let value = escape(&in_words(&output.comparison));
+                let value = escape(in_words(&output.comparison));
                 let hash = output.value.hash().short();
                 let _ = write!(text, "<property name=\"{name}\" value=\"{value}; {hash}\"/>");
             }
             text.push_str("</properties>\n");
         }
-        let reasons = escape(&case.reasons().join("\n"));
+        let reasons = escape(case.reasons().join("\n"));
         let first = escape(case.reasons().first().map_or("", |reason| reason));
         let _ = match &case.state {
             State::Passed => Ok(()),
@@ -47,7 +48,7 @@ pub fn document(report: &Report) -> String {
         text.push_str("</testcase>\n");
     }
     for orphan in &report.orphans {
-        let name = escape(&orphan.display().to_string());
+        let name = escape(orphan.display());
         let _ = writeln!(
             text,
             "<testcase classname=\"goldens\" name=\"{name}\"><failure message=\"belongs to no test\"/></testcase>"
@@ -55,7 +56,7 @@ pub fn document(report: &Report) -> String {
     }
     for diagnostic in &report.diagnostics {
         let (name, message) =
-            (escape(&diagnostic.source.name.display().to_string()), escape(&diagnostic.message));
+            (escape(diagnostic.source.name.display()), escape(&diagnostic.message));
         let _ = writeln!(
             text,
             "<testcase classname=\"tests\" name=\"{name}\"><error message=\"{message}\"/></testcase>"
@@ -71,34 +72,4 @@ fn in_words(comparison: &Comparison) -> String {
     let seen =
         format!("{} % of the entries seen", six_digits(100.0 * comparison.compared_fraction()));
     [Some(verdict), worst, Some(seen)].into_iter().flatten().collect::<Vec<_>>().join("; ")
-}
-
-/// Escapes a text for XML and HTML. Removes characters that XML does not allow.
-pub(super) fn escape(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            '\n' | '\t' => escaped.push(c),
-            c if c < ' ' || matches!(c, '\u{7f}'..='\u{9f}' | '\u{fffe}' | '\u{ffff}') => {}
-            c => escaped.push(c),
-        }
-    }
-    escaped
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn characters_that_xml_forbids_are_removed() {
-        assert_eq!(
-            escape("a\u{0}\u{1b}[\u{7f}\u{9b}\u{fffe}\u{ffff}<\"&>\n\té"),
-            "a[&lt;&quot;&amp;&gt;\n\té"
-        );
-    }
 }

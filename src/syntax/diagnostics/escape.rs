@@ -2,6 +2,7 @@
 //! the window title.
 
 use std::borrow::Cow;
+use std::fmt::Display;
 
 /// Returns true for control characters and for characters that change the direction of text, except line feeds and tabs.
 fn affects_terminal(c: char) -> bool {
@@ -71,9 +72,34 @@ pub fn escape_json(json: &str) -> Cow<'_, str> {
     Cow::Owned(escaped)
 }
 
+/// Escapes a text for XML and HTML. Characters that XML does not allow are removed.
+pub fn escape_xml(text: impl Display) -> String {
+    let mut escaped = String::new();
+    for c in text.to_string().chars() {
+        match c {
+            '&' => escaped += "&amp;",
+            '<' => escaped += "&lt;",
+            '>' => escaped += "&gt;",
+            '"' => escaped += "&quot;",
+            '\n' | '\t' => escaped.push(c),
+            c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => {}
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn characters_that_xml_forbids_are_removed() {
+        assert_eq!(
+            escape_xml("a\u{0}\u{1b}[\u{7f}\u{9b}\u{fffe}\u{ffff}<\"&>\n\té"),
+            "a[&lt;&quot;&amp;&gt;\n\té"
+        );
+    }
 
     #[test]
     fn control_characters_are_replaced_by_symbols() {

@@ -1,9 +1,10 @@
 //! Tests of `harmonic`.
 
+use maquette_node::Error;
+
 use super::*;
 use crate::control_net::tests::{range, region};
 use crate::control_net::{NetMethod, control_net};
-use maquette_node::Error;
 
 const HARMONIC: NetMethod = NetMethod::Harmonic { corners: None };
 

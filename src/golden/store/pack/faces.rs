@@ -4,7 +4,7 @@
 //! ends at `v` and that only one face has passed so far (an open edge). Gumhold and Strasser, "Real time compression of triangle mesh
 //! connectivity" (1998), grow a region in this way. Here the faces keep their order.
 
-use super::coder::{Bit, Coder, EVEN, Numbers};
+use super::streams::Coder;
 
 /// The maximum number of candidates (likely vertices) for a corner.
 const MAX_CANDIDATES: usize = 12;
@@ -12,7 +12,13 @@ const MAX_CANDIDATES: usize = 12;
 /// The maximum number of open edges that are stored for a vertex.
 const MAX_OPEN_EDGES: usize = 8;
 
-/// The candidates for a corner, the likeliest first. Each vertex occurs once.
+/// The stream of the ranks of all vertices. The rank of an unlikely vertex is `MAX_CANDIDATES`.
+const RANKS: usize = 0;
+
+/// The stream of the unlikely vertices, as differences from the vertex of the same corner in the previous face.
+const RESIDUALS: usize = 1;
+
+/// The likely vertices of a corner, with the likeliest first. Each occurs once.
 #[derive(Default)]
 struct Candidates {
     vertices: [u32; MAX_CANDIDATES],
@@ -66,9 +72,6 @@ pub(super) fn code(coder: &mut impl Coder, sides: &[usize], corners: &[u32]) -> 
     let mut read: Vec<u32> = Vec::new();
     // The open edges by their end vertex, and the same edges by their start vertex.
     let (mut to, mut from) = (OpenEdges::default(), OpenEdges::default());
-    let mut ranks = vec![[EVEN; MAX_CANDIDATES + 1]; 4 * (MAX_CANDIDATES + 2)];
-    let mut residuals = Numbers::new();
-    let mut last_ranks = [0; 4];
     let mut next = 0u32;
     for &sides in sides {
         let start = read.len();
@@ -78,20 +81,13 @@ pub(super) fn code(coder: &mut impl Coder, sides: &[usize], corners: &[u32]) -> 
             let place = read.len();
             let wanted = corners.get(place).copied().unwrap_or(0);
             let known = &likely.vertices[..likely.count];
-            let kind = corner.min(3);
-            let bits: &mut [Bit; MAX_CANDIDATES + 1] =
-                &mut ranks[kind * (MAX_CANDIDATES + 2) + last_ranks[kind]];
-            let rank = known.iter().position(|&vertex| vertex == wanted).unwrap_or(known.len());
-            let mut found = 0;
-            while found < known.len() && coder.bit(&mut bits[found], rank > found) {
-                found += 1;
-            }
-            last_ranks[kind] = found + usize::from(found == known.len());
-            let vertex = match known.get(found) {
+            let rank = known.iter().position(|&vertex| vertex == wanted).unwrap_or(MAX_CANDIDATES);
+            let rank = coder.code(RANKS, rank as i64);
+            let vertex = match usize::try_from(rank).ok().and_then(|rank| known.get(rank)) {
                 Some(&vertex) => vertex,
                 None => {
                     let near = read.get(before + corner).copied().unwrap_or(0);
-                    let by = residuals.code(coder, i64::from(wanted) - i64::from(near));
+                    let by = coder.code(RESIDUALS, i64::from(wanted) - i64::from(near));
                     u32::try_from(i64::from(near).checked_add(by)?).ok()?
                 }
             };

@@ -1,7 +1,7 @@
 //! Codes elements of whole numbers. Each number is predicted from earlier neighbors, and only the residual (the small difference from the
 //! prediction) is coded.
 
-use super::coder::{Bit, Coder, EVEN, Numbers, length};
+use super::streams::Coder;
 
 /// The kind of neighbors from which an element is predicted. Only neighbors that come before the element are used.
 pub(super) enum Layout<'a> {
@@ -94,11 +94,6 @@ impl WholeNumbers {
         self.number(self.odd.len().checked_sub(back)?, component)
     }
 
-    /// Returns true if the element `back` positions before the next element is odd.
-    fn is_earlier_odd(&self, back: usize) -> bool {
-        self.odd.len().checked_sub(back).is_some_and(|element| self.odd[element])
-    }
-
     /// Returns a component of an element, or 0 if it does not exist.
     fn number_or_zero(&self, element: usize, component: usize) -> i64 {
         self.numbers.get(element * self.width + component).copied().unwrap_or(0)
@@ -143,46 +138,43 @@ impl WholeNumbers {
     }
 }
 
-/// Codes `count` elements. A reader uses only the width of `given`, because it does not know the numbers yet.
+/// The stream that has a 1 for each odd element, and a 0 for each other one.
+const ODD: usize = 0;
+
+/// The stream of the bits of odd elements.
+const BITS: usize = 1;
+
+/// The stream of the residuals of the elements that are not odd.
+const RESIDUALS: usize = 2;
+
+/// The stream of the last digits, which are not predicted.
+pub(super) const DIGITS: usize = 3;
+
+/// Codes `count` elements. A reader uses only the width of `given`.
 pub(super) fn code(
     coder: &mut impl Coder,
     layout: &Layout<'_>,
     count: usize,
     given: &WholeNumbers,
 ) -> WholeNumbers {
-    const LEVELS: usize = 24;
     let width = given.width;
     let mut read = WholeNumbers { width, ..WholeNumbers::default() };
-    let mut odd_bits = [EVEN; 4];
-    let mut unknown_bit: Bit = EVEN;
-    let mut tables: Vec<Numbers> = (0..2 * LEVELS).map(|_| Numbers::new()).collect();
-    // For each component, the recent error of each prediction. `lengths` are the recent lengths of the residuals, in sixteenths of a bit.
+    // For each component, the recent error of each prediction.
     let mut off = vec![[0u64; 2 * WAYS]; width];
-    let mut lengths = vec![0usize; width];
     let mut last = vec![0i64; width];
     for element in 0..count {
-        let row = if let Layout::Grid(row) = layout { *row } else { 1 };
-        let context =
-            usize::from(read.is_earlier_odd(1)) + 2 * usize::from(read.is_earlier_odd(row));
         let is_odd = given.odd.get(element).copied().unwrap_or(false);
-        let is_odd = coder.bit(&mut odd_bits[context], is_odd);
-        if is_odd {
-            for component in 0..width {
-                let bits = given.number_or_zero(element, component) as u64;
-                let unknown = f64::NAN.to_bits();
-                let is_unknown = coder.bit(&mut unknown_bit, bits == unknown);
-                let bits = if is_unknown { unknown } else { coder.plain(64, bits) };
-                read.numbers.push(bits as i64);
-            }
-            read.odd.push(true);
-            continue;
-        }
-        let (mut left_before, mut length_before) = (0i64, 0);
-        let mut whole = Vec::with_capacity(width);
+        let is_odd = coder.code(ODD, is_odd.into()) != 0;
+        let mut left_before = 0i64;
+        let mut numbers = Vec::with_capacity(width);
         for component in 0..width {
-            let guesses = read.guesses(layout, component);
             let number = given.number_or_zero(element, component);
-            // The second half of the predictions is the first half, corrected by the residual of the previous component.
+            if is_odd {
+                numbers.push(coder.code(BITS, number));
+                continue;
+            }
+            let guesses = read.guesses(layout, component);
+            // The second half of the predictions adds the error that the same prediction had for the previous component.
             let guess_of = |way: usize| match way {
                 way if way < WAYS => guesses[way],
                 _ if component == 0 => None,
@@ -191,12 +183,7 @@ pub(super) fn code(
             let known = (0..2 * WAYS).filter(|&way| guess_of(way).is_some());
             let best = known.min_by_key(|&way| off[component][way]);
             let expected = best.and_then(guess_of).unwrap_or(last[component]);
-            let level = match component {
-                0 => lengths[0] / 8,
-                _ => lengths[component] / 16 + length_before,
-            };
-            let table = level.min(LEVELS - 1) + LEVELS * usize::from(component > 0);
-            let left = tables[table].code(coder, number.wrapping_sub(expected));
+            let left = coder.code(RESIDUALS, number.wrapping_sub(expected));
             let number = expected.wrapping_add(left);
             for (way, off) in off[component].iter_mut().enumerate() {
                 if let Some(guess) = guess_of(way) {
@@ -204,15 +191,13 @@ pub(super) fn code(
                     *off = *off * 15 / 16 + size;
                 }
             }
-            length_before = length(left.unsigned_abs());
-            lengths[component] = (lengths[component] * 3 + 16 * length_before) / 4;
             left_before = number
                 .wrapping_sub(best.map_or(expected, |way| guesses[way % WAYS].unwrap_or(expected)));
             last[component] = number;
-            whole.push(number);
+            numbers.push(number);
         }
-        read.numbers.extend(whole);
-        read.odd.push(false);
+        read.numbers.extend(numbers);
+        read.odd.push(is_odd);
     }
     read
 }
