@@ -1,7 +1,7 @@
 //! Opening and closing of masks by squares: Serra, *Image Analysis and Mathematical Morphology* (1982), chapter 2.
 //!
-//! A square of radius r has (2 r + 1)^2 pixels. All pixels beyond the border of the picture are background. The border has no effect on a
-//! nearby object: the object neither grows along the border nor is eroded from it.
+//! A square of radius r has (2 r + 1)^2 pixels. All pixels beyond the border of the picture are background. An object at the border is
+//! neither extended along the border nor eroded from it.
 
 use maquette_value::Mask;
 

@@ -4,7 +4,7 @@ use maquette_value::parallel::*;
 
 use super::hysteresis::{WORD, retain};
 
-/// The number of numbers that one task processes: few enough to stay in the first-level cache.
+/// The count of numbers that one task processes: few enough to stay in the first-level cache.
 const CHUNK: usize = 1 << 12;
 
 /// One number in 256 is in the sample from which bounds are estimated.

@@ -81,8 +81,7 @@ impl Strip {
         self.last = below.last;
     }
 
-    /// Connects the runs of two adjacent rows that overlap horizontally, or whose distance is less than `reach` pixels: 0 connects sides
-    /// only, 1 also corners.
+    /// Connects the runs of two adjacent rows that share a side of pixels; with `reach` 1 also those that share only a corner.
     fn join_rows(&mut self, above: Range<usize>, below: Range<usize>, reach: u32) {
         let mut upper = above.start;
         for lower in below {

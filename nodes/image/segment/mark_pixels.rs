@@ -8,8 +8,8 @@ use maquette_value::{Image, Mask};
 use super::select::{Select, measure};
 use crate::checks::check_size;
 
-/// Returns a mask of the pixels of `image` that `select` accepts, or with `invert` of all others. With `within`, only pixels inside this
-/// mask are searched.
+/// Returns a mask of the pixels of `image` that `select` accepts, or with `invert` of all others. With `within`, the result contains only
+/// pixels inside this mask.
 ///
 /// Returns an error if a sampled pixel is outside the picture, or if `within` does not have the size of the picture.
 pub fn threshold(

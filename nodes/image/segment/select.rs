@@ -90,7 +90,7 @@ pub enum Channel {
     Saturation,
 }
 
-/// Measures how far a pixel is from being selected; 0 or less than a limit if it is selected.
+/// Measures how far a pixel is from a selection rule. Pixels are selected up to the maximum distance that [`measure`] returns.
 pub(crate) enum Measure {
     /// The distance from a color in CIE L*a*b*, with lightness differences weighted by `lightness`.
     Color { color: Lab, lightness: f32 },
