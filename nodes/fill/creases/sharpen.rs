@@ -320,7 +320,7 @@ impl Sharpening<'_> {
         if !self.is_upright([pa, pd, pc], new[0]) || !self.is_upright([pd, pb, pc], new[1]) {
             return false;
         }
-        // A face that spans a crease has no segment that contains all its corners. Remove it, whatever the angles are.
+        // A face that spans a crease has no segment that contains all its corners. Flip its edge, whatever the angles are.
         if on_f == 0 || on_g == 0 {
             return !self.is_edge(c, d);
         }

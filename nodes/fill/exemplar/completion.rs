@@ -49,7 +49,7 @@ pub(crate) struct Copies {
 }
 
 impl Copies {
-    /// Returns the value for `count` vertices that copy nothing.
+    /// Returns the copies of a fill with `count` vertices that copy nothing.
     pub(crate) fn empty(count: usize) -> Self {
         let (votes, sources) = (Votes::empty(count), Sources::empty());
         Self { exemplar: vec![NONE; count], votes, sources }

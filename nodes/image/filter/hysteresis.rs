@@ -75,7 +75,7 @@ pub(crate) fn reconstruct(weak: &Bits, strong: Bits) -> Bits {
     kept
 }
 
-/// Grows the rows marked in `waiting`, and the rows whose neighbor has changed, until no row changes.
+/// Adds connected weak pixels to the rows for which `waiting` is true, and then to neighbors of changed rows, until no row changes.
 fn grow_rows(words: usize, weak: &[u64], kept: &mut [u64], mut waiting: Vec<bool>) {
     let height = waiting.len();
     let mut touching = vec![0; words + 1];
