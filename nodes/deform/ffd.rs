@@ -1,4 +1,4 @@
-//! Free-form deformation by handles, with rational Gaussian functions.
+//! The node that deforms objects by handles, with rational Gaussian functions.
 
 use maquette_mesh::Movable;
 use maquette_node::{Carry, Context, Error, Estimate, FieldError, In, Node, Promise, Transfer};

@@ -85,7 +85,7 @@ impl Node for GaussianSurface {
     }
 }
 
-/// The unit square of the parameters u and v, as a flat box.
+/// The unit square of the parameters u and v, as the box to which handle coordinates are relative.
 const SQUARE: Bounds = (Point3::new(0.0, 0.0, 0.0), Point3::new(1.0, 1.0, 1.0));
 
 /// Returns the surface `P(u, v) = sum_i V_i g_i(u, v)` as a mesh of `u` x `v` quads: rows of vertices along u, positions in mm.
@@ -95,8 +95,8 @@ const SQUARE: Bounds = (Point3::new(0.0, 0.0, 0.0), Point3::new(1.0, 1.0, 1.0));
 /// Normals are computed from the derivatives.
 ///
 /// # Errors
-/// Returns an error if there is no point, a number is not finite or not greater than 0 where it must be, two points with `through` have the
-/// same position or are so close that the equations cannot be solved, or the number of quads is 0 or too large.
+/// Returns an error if there is no point; if a number is not finite, or not greater than 0 where it must be; if with `through` two points
+/// have the same parameters or are so close that the equations cannot be solved; or if the number of quads is 0 or too large.
 pub fn gaussian_surface(
     points: &[SurfacePoint],
     through: bool,
@@ -143,7 +143,7 @@ pub fn gaussian_surface(
         .iter()
         .zip(&faces)
         .map(|(slope, face): (&Matrix3<f64>, &Vector3<f64>)| {
-            // If the surface degenerates to a point or a line, the normal of the mesh is used.
+            // Use the mesh's normal if the surface degenerates to a point or a line.
             let normal: Vector3<f64> = slope.column(0).cross(&slope.column(1));
             normal.try_normalize(0.0).unwrap_or(*face).into()
         })
@@ -166,7 +166,7 @@ fn square(count: usize) -> f64 {
 /// The number of vertices that one task computes.
 const CHUNK_SIZE: usize = 4096;
 
-/// Returns the sum of Gaussians that defines the surface.
+/// Returns the weighted sum of Gaussians that defines the surface, as a deformation.
 fn coefficients(points: &[SurfacePoint], through: bool) -> Result<Deformation, Error> {
     let handles: Vec<_> = points
         .iter()
@@ -200,7 +200,7 @@ mod tests {
         SurfacePoint { at, to: [at[0], at[1], height], sigma: Some([sigma; 2]), weight: 1.0 }
     }
 
-    /// Returns the nine points of algorithms.md, 9.7: a bump in the middle with its own deviation.
+    /// Returns the nine points of algorithms.md, section 9.7. The center point makes a bump and has its own deviation.
     fn bump(middle: f64) -> Vec<SurfacePoint> {
         fn place(k: usize) -> [f64; 2] {
             [(k / 3) as f64 / 2.0, (k % 3) as f64 / 2.0]

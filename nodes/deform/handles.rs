@@ -106,12 +106,12 @@ impl Node for Handles {
 
 /// Returns handles at rest on an object, in mm; fewer than requested if the object has fewer distinct points.
 ///
-/// The numbers of `on` and `sigma` are in `space`. Points are chosen as in Gonzalez, "Clustering to minimize the maximum intercluster
-/// distance" (1985), beginning with the point that is farthest from the mean of all points; if several are equally far, the first is taken.
+/// The numbers in `on` and `sigma` are in `space`. Points are chosen as in Gonzalez, "Clustering to minimize the maximum intercluster
+/// distance" (1985). The first is the point farthest from the mean of all points; of several equally far points, the first is taken.
 ///
 /// # Errors
-/// Returns an error if there is no point to place a handle on, the attribute does not exist, or a number is not finite or not greater than
-/// 0 where it must be.
+/// Returns an error if there is no point to place a handle on, if the attribute does not exist, or if a number is not finite, or not
+/// greater than 0 where it must be.
 pub fn place_handles(
     object: &Movable,
     on: &Placement,
@@ -160,7 +160,7 @@ fn corners((low, high): Bounds) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// Returns the points with the minimum and the maximum coordinate along each axis; no point is listed twice.
+/// Returns the points with the minimum and the maximum coordinate along each axis, without duplicates.
 fn extremes(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
     let mut extremes: Vec<Point3<f64>> = Vec::new();
     for axis in 0..3 {
@@ -175,7 +175,7 @@ fn extremes(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
     extremes
 }
 
-/// Returns the points of an object that are in a region.
+/// Returns the points of an object that are in the region `within`.
 fn points_in_region(
     object: &Movable,
     within: &HandleRegion,
@@ -244,7 +244,7 @@ fn farthest(
     let mut positions = Vec::new();
     for step in 0..=count {
         progress.tick(step as f64 / count as f64)?;
-        // In the first step, the distances are those to the mean; they are replaced after the first point is chosen.
+        // In the first step, the distances are those from the mean. They are replaced after the first point is chosen.
         let keep = step > 1;
         let is_cancelled = AtomicBool::new(false);
         let best =
@@ -261,7 +261,7 @@ fn farthest(
             }
             best
         });
-        // The points are compared in their order, so the first of several equally far points is taken.
+        // Compare the points in their order, so that the first of several equally far points is taken.
         let best =
             best.collect::<Vec<_>>().into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a });
         if is_cancelled.into_inner() {

@@ -1,4 +1,4 @@
-//! The lines of an object's bounding box, which show how space is deformed.
+//! The lines of a lattice in an object's bounding box. Deformed together with the object, they show how space is deformed.
 
 use maquette_base::limits::POINTS;
 use maquette_mesh::Movable;
@@ -46,11 +46,12 @@ impl Node for Lattice {
     }
 }
 
-/// Returns all lines of a box's lattice as one polyline: back and forth along x, then y, then z, along lattice lines only. Each side of a
-/// cell has `samples` points. Positions are in mm.
+/// Returns all lines of a lattice in the box `bounds` as one polyline, which runs back and forth along x, then y, then z, along lattice
+/// lines only. Each side of a cell has `samples` points. Positions are in mm.
 ///
 /// # Errors
-/// Returns an error if a number is not from 1 to 64, there would be too many points, or the box is not finite.
+/// Returns an error if `samples` or an entry of `cells` is not from 1 to 64, if there would be too many points, or if the box is not
+/// finite.
 pub fn lattice(bounds: Bounds, cells: [usize; 3], samples: usize) -> Result<Curve, Error> {
     if cells.iter().chain([&samples]).any(|count| !(1..=64).contains(count)) {
         bail!("expected 1 to 64 cells along each axis, and 1 to 64 points per cell side");
@@ -101,7 +102,7 @@ struct Pen {
 }
 
 impl Pen {
-    /// Returns true if the pen is at the lower side of the box along an axis. From there, lines are drawn upwards.
+    /// Returns true if the pen is at the minimum of the box along an axis. From there, lines are drawn in the positive direction.
     fn is_at_low_side(&self, axis: usize) -> bool {
         self.position[axis] == 0
     }
@@ -112,7 +113,7 @@ impl Pen {
         (0..self.cells[axis]).for_each(|_| self.step(axis, forward));
     }
 
-    /// Draws one side of a cell.
+    /// Draws one side of a lattice cell.
     fn step(&mut self, axis: usize, forward: bool) {
         let start = self.position.map(|count| count as f64);
         for sample in 1..=self.samples {

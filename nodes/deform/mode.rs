@@ -1,4 +1,4 @@
-//! The quantity of the handles that is blended.
+//! The mode of a deformation: the quantity of the handles that is blended.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

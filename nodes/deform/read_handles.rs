@@ -21,7 +21,7 @@ pub struct ReadHandles {
     pub space: HandleSpace,
 }
 
-/// The error of a file with an extension that is not known here.
+/// The error for a file with an unknown extension.
 #[derive(Debug, thiserror::Error)]
 #[error("unknown extension `.{0}` of a file of handles; expected ron, json or csv")]
 struct UnknownExtension(String);

@@ -1,4 +1,4 @@
-//! Tests of deformations with exact results; identifiers such as D1 are those of algorithms.md, section 13.
+//! Tests of deformations with exact results. Identifiers such as D1 are those of algorithms.md, section 13.
 
 use maquette_mesh::Movable;
 use maquette_node::{Error, Progress};
@@ -38,7 +38,7 @@ pub(super) fn handle(at: Point3<f64>, to: Point3<f64>, sigma: [f64; 3]) -> Handl
     Handle { at: at.into(), to: Some(to.into()), sigma: Some(sigma), weight: 1.0 }
 }
 
-/// Returns handles at the corners of the unit cube, at rest.
+/// Returns handles at rest at the corners of the unit cube, with the deviations `sigma`.
 pub(super) fn corners(sigma: [f64; 3]) -> Vec<Handle> {
     fn bit(k: usize, axis: usize) -> f64 {
         (k >> axis & 1) as f64
@@ -53,7 +53,7 @@ pub(super) fn in_world(handles: &[Handle]) -> Handles {
     Handles::new(HandleSpace::World, handles).unwrap()
 }
 
-/// Returns the options of a deformation in the unit cube.
+/// Returns the mode, and options with the unit cube as box.
 pub(super) fn options_in_unit(mode: Mode) -> (Mode, DeformOptions) {
     (mode, in_unit())
 }
@@ -85,7 +85,7 @@ pub(super) fn layout(handles: &[Handle], mode: Mode) -> Layout {
     prepare(&in_world(handles), UNIT, mode, 0.0, 0.0).unwrap().layout
 }
 
-/// Returns the condition number, in the 2-norm, of the matrix of weights, from its singular values.
+/// Returns the condition number, in the 2-norm, of the matrix of the handles' weights, computed from its singular values.
 pub(super) fn condition(handles: &[Handle]) -> f64 {
     let layout = layout(handles, Mode::Displacement);
     let gaussians: Gaussians = layout.gaussians();
@@ -100,7 +100,7 @@ pub(super) fn farthest(a: &[Point3<f64>], b: &[Point3<f64>]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
 }
 
-/// Returns handles on a jittered grid, with anisotropic deviations, various weights and targets.
+/// Returns handles on a jittered grid, with anisotropic deviations, and various weights and targets.
 pub(super) fn scattered_handles(random: &mut Random, sides: usize, reach: f64) -> Vec<Handle> {
     fn shift(step: f64, random: &mut Random) -> Vector3<f64> {
         (random.point() - Point3::new(0.5, 0.5, 0.5)) * step

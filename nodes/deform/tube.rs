@@ -47,11 +47,11 @@ impl Node for Tube {
     }
 }
 
-/// Returns a tube. It has a ring of `sides` vertices, `radius` mm from the curve, around each point of a polyline, or around as many points
-/// of a B-spline as its shape needs, and quads between rings.
+/// Returns a tube around `curve`, with a ring of `sides` vertices, `radius` mm from the curve, around each point, and quads between rings.
+/// The points are those of a polyline, or as many points of a B-spline as its shape needs.
 ///
-/// A ring is perpendicular to the mean of the directions before and after its point, and rotates no more than the curve bends: Bishop,
-/// "There is more than one way to frame a curve" (1975).
+/// A ring is perpendicular to the mean of the directions before and after its point. From ring to ring, it rotates no more than the curve
+/// bends: Bishop, "There is more than one way to frame a curve" (1975).
 ///
 /// # Errors
 /// Returns an error if the radius is not greater than 0 and finite, there are fewer than 3 or more than 256 sides, or the curve has no
@@ -64,7 +64,7 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, Error> {
     }
     let is_closed = curve.is_closed();
     let mut points = curve.sample(0);
-    // A point that equals the previous one gives no direction and is removed.
+    // Remove points that equal the previous one: they give no direction.
     points.dedup();
     if is_closed && points.first() == points.last() {
         points.pop();
@@ -86,8 +86,8 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, Error> {
         }));
     }
     let corner_shift = is_closed.then(|| {
-        // Along a closed curve, the rings rotate in total; the last ring is connected with a shift by whole corners that compensates the
-        // rotation.
+        // Along a closed curve, the rings may rotate in total. The last ring is connected to the first with a shift by whole corners, which
+        // compensates the rotation.
         let side = transport(side, before, directions[0]);
         let heights: Vec<f64> =
             positions[..sides].iter().map(|position| (position - points[0]).dot(&side)).collect();
@@ -113,7 +113,7 @@ fn directions(points: &[Point3<f64>], is_closed: bool) -> Option<Vec<Vector3<f64
     if count < 2 {
         return None;
     }
-    // The direction from each point to the next; `None` at the end of an open curve.
+    // The unit direction from each point to the next; `None` at the end of an open curve.
     let steps: Vec<Option<Vector3<f64>>> = (0..count)
         .map(|index| match is_closed || index + 1 < count {
             true => (points[(index + 1) % count] - points[index]).try_normalize(0.0),
@@ -124,23 +124,23 @@ fn directions(points: &[Point3<f64>], is_closed: bool) -> Option<Vec<Vector3<f64
         .map(|index: usize| {
             let (before, after) = (steps[(index + count - 1) % count], steps[index]);
             let both = before.unwrap_or_default() + after.unwrap_or_default();
-            // At a point where the curve reverses, the mean of both directions vanishes, and the incoming direction is used.
+            // At a point where the curve reverses, the mean of both directions vanishes; use the incoming direction.
             both.try_normalize(1e-9).or(before)
         })
         .collect()
 }
 
 /// Returns a unit vector perpendicular to a direction: the perpendicular component of the x axis, or of the y axis if the direction is
-/// nearly x. The axis farthest from the direction is not used, because rounding could change the choice wherever two axes are equally far,
-/// as on every grid.
+/// nearly x. The axis with the largest angle to the direction is not used: where two axes have equal angles, as on every grid, rounding
+/// could change the choice.
 fn any_normal(direction: Vector3<f64>) -> Vector3<f64> {
     let axis = usize::from(direction[0].abs() > 0.9);
     let rest = Vector3::ith(axis, 1.0) - direction * direction[axis];
     rest.normalize()
 }
 
-/// Returns the quads between adjacent rings, and the end caps of an open tube. For a closed tube, `corner_shift` is the number of corners
-/// by which the last ring is rotated relative to the first.
+/// Returns the quads between adjacent rings, and the end caps of an open tube. `corner_shift` is `None` for an open tube; for a closed one,
+/// it is the number of corners by which the last ring is rotated relative to the first.
 fn faces(rings: usize, sides: usize, corner_shift: Option<usize>) -> Result<Faces, MeshError> {
     let mut corners = Vec::new();
     fn vertex(ring: usize, corner: usize, sides: usize) -> u32 {
@@ -220,7 +220,7 @@ mod tests {
         )
         .unwrap();
         let mesh = tube(&ring, 0.2, 12).unwrap();
-        // Every quad belongs to one side of the tube: its corners have about the same height above the plane of the ring.
+        // Each quad belongs to one side of the tube, so its corners have about the same height above the plane of the ring.
         for face in mesh.faces().iter() {
             let heights = face.iter().map(|vertex| mesh.positions()[*vertex as usize].z);
             let (low, high) =
@@ -235,7 +235,7 @@ mod tests {
         fn corner(c: [i32; 3]) -> Point3<f64> {
             Point3::from(c.map(f64::from))
         }
-        // The curve repeats one path many times: rounding errors must not accumulate.
+        // The curve repeats one path many times, and rounding errors must not accumulate.
         let points =
             (0..20).flat_map(|k| corners.map(|[x, y, z]| corner([x + 2 * k, y + k, z + 2 * k])));
         let points: Vec<_> = points.collect();

@@ -1,4 +1,4 @@
-//! The attributes and colors of filled vertices and faces.
+//! Attributes and colors for the vertices and faces that fill a hole.
 
 pub(super) mod carry;
 pub(super) mod colors;

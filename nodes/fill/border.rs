@@ -1,4 +1,4 @@
-//! The border of a mesh: finds its rims (boundary loops) and the holes among them, and collects the data around holes.
+//! The border of a mesh: finds its rims (boundary loops) and the holes among them, and collects the surface around holes.
 
 pub(super) mod holes;
 pub(super) mod manifold_check;

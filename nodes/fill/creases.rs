@@ -1,4 +1,4 @@
-//! Extends creases of the data across a hole.
+//! Extends creases of the surface around a hole across the hole.
 
 pub(super) mod chart;
 pub(super) mod charts;

@@ -58,8 +58,8 @@ pub struct FillHoles {
     pub method: FillMethod,
 }
 
-/// Estimates the number of triangles that fill a round rim of `edges` equal edges: the area of the circle divided by that of an equilateral
-/// triangle.
+/// Estimates the number of triangles that fill a circular hole with `edges` equal edges: the area of the circle divided by that of an
+/// equilateral triangle.
 fn estimate_triangles(edges: usize) -> f64 {
     const PER_SQUARE: f64 = 0.184;
     (PER_SQUARE * edges as f64 * edges as f64).min(TRIANGLES.max as f64)
@@ -70,7 +70,7 @@ fn estimate_triangles(edges: usize) -> f64 {
 pub struct FilledMesh {
     /// The filled mesh.
     pub mesh: Mesh,
-    /// The progress of an exemplar fill; see [`FillMethod`]. Empty for other methods.
+    /// The iterations of a fill with exemplars, see [`FillMethod`]; empty for other methods.
     pub trace: Trace,
     /// Warnings for the user, as sentences.
     pub warnings: Vec<String>,
@@ -110,7 +110,7 @@ impl Node for FillHoles {
                 edges = chosen.iter().filter_map(|&rim| edges.get(rim).copied()).collect();
             }
             HoleChoice::Edges { max } => edges.retain(|edges| edges <= max),
-            // Without a better criterion, the longest rim counts as the outer border, which is not filled.
+            // Exclude the longest rim: without a better criterion it is taken for the outer border, which is not filled.
             _ if edges.len() > 1 => {
                 edges.sort_unstable();
                 edges.pop();
@@ -135,14 +135,16 @@ impl FillHoles {
     }
 }
 
-/// Returns `mesh` with its `holes` filled by `method`. See [`FillHoles`] for what is kept and how attributes are filled.
+/// Returns `mesh` with its `holes` filled by `method`. See [`FillHoles`] for which vertices and faces are kept and how attributes are
+/// computed.
 ///
-/// Positions are in mm. The data's vertices keep their bits and, unless a region is cut out, their indices. The result is manifold if
-/// `mesh` is. [`FilledMesh::warnings`] lists filled triangles that intersect others.
+/// Positions are in mm. The vertices of `mesh` keep their exact positions and, unless a region is cut out, their indices. The result is
+/// manifold if `mesh` is. [`FilledMesh::warnings`] lists triangles of the fill that intersect others.
 ///
-/// Triangles over the rim: Liepa, "Filling holes in meshes" (2003). Density: Botsch and Kobbelt, "A remeshing approach to multiresolution
-/// modeling" (2004). Plain shapes: Kobbelt, Campagna, Vorsatz and Seidel, "Interactive multi-resolution modeling on arbitrary meshes"
-/// (1998). Exemplars: Kawai, Sato and Yokoya, "Surface completion by minimizing energy based on similarity of shape" (2008).
+/// Triangles between rim vertices: Liepa, "Filling holes in meshes" (2003). Vertex density: Botsch and Kobbelt, "A remeshing approach to
+/// multiresolution modeling" (2004). Smooth fills: Kobbelt, Campagna, Vorsatz and Seidel, "Interactive multi-resolution modeling on
+/// arbitrary meshes" (1998). Exemplars: Kawai, Sato and Yokoya, "Surface completion by minimizing energy based on similarity of shape"
+/// (2008).
 ///
 /// # Errors
 /// Returns an error if the mesh is not manifold or would not be when filled, if a chosen rim or an attribute does not exist, if a hole
@@ -208,7 +210,7 @@ pub fn fill_holes(
             "" => None,
             name => Some(marked_vertices(&mesh, name)?),
         };
-        // With 0 iterations no exemplars are searched, because no vertex would move.
+        // With 0 iterations no vertex would move, so do not search exemplars.
         if options.max_iterations() > 0 {
             let mut start = filling.points[filling.n_data_vertices..].to_vec();
             let colors = options.counts_colors().then(|| colors(&mesh, &filling, options.texture));
@@ -273,11 +275,12 @@ pub fn fill_holes(
     Ok(FilledMesh { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, warnings })
 }
 
-/// The fraction of the total progress at which the plain fills are complete: for a plain method, and as the start of an exemplar fill.
+/// The fraction of the total progress at which the fills without exemplars are complete: if they are the result, and if they are the
+/// initial fill of a method with exemplars.
 const PLAIN_PROGRESS: f64 = 0.9;
 const START_PROGRESS: f64 = 0.2;
 
-/// Fills each hole separately without exemplars. `holes` are the rims to fill, `numbers` their rim numbers.
+/// Fills each hole separately, without exemplars. `holes` are the rims to fill, `numbers` their rim numbers.
 fn fill_all(
     filling: &Filling,
     one_rings: &OneRings,
@@ -289,7 +292,7 @@ fn fill_all(
     let done = AtomicUsize::new(0);
     let fill_one = |(hole, number): (&Vec<u32>, &usize)| {
         let rim = Rim::new(filling, one_rings, hole);
-        // A single hole reports its own progress; several holes report the fraction of rim edges done.
+        // A single hole reports its own progress. Several holes report the fraction of their rim edges that are done.
         let before = done.load(Ordering::Relaxed) as f64 / all.max(1) as f64;
         let own = if holes.len() == 1 { 0.0..1.0 } else { before..before };
         let filled = progress.part(own, |progress| fill_hole(filling, &rim, options, progress));
@@ -328,7 +331,7 @@ fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Resul
         (0..count).map(|vertex| u8::from(filling.n_data_vertices <= vertex)).collect();
     let mut onto = carry.transfer(mesh, onto)?;
     if let Some(Attribute::Flag(before)) = mesh.vertex().get("filled") {
-        // Vertices that an earlier node filled stay marked.
+        // Vertices that an earlier node has filled keep the flag.
         let flags = flags.iter().enumerate();
         let flags =
             flags.map(|(vertex, &flag)| before.get(vertex).copied().unwrap_or(flag)).collect();

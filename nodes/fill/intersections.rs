@@ -1,4 +1,4 @@
-//! Finds and removes intersections of filled triangles with the data and with each other.
+//! Finds and removes intersections of the fill's triangles with the input mesh and with each other.
 
 pub(super) mod boxes;
 pub(super) mod damping;

@@ -1,4 +1,4 @@
-//! Plain fills, which use no exemplars: flat triangles, membranes and thin plates.
+//! Fills that copy no other parts of the surface: flat triangles, membranes and thin plates.
 
 pub(super) mod fairing;
 pub(super) mod hole_fill;

@@ -1,4 +1,4 @@
-//! Meshes with holes, for tests.
+//! Meshes with and without holes, for tests.
 
 use std::collections::BTreeMap;
 
@@ -7,18 +7,18 @@ use nalgebra::{Point3, Vector3};
 
 pub(super) mod nut;
 
-/// Returns a mesh of triangles.
 pub(super) fn triangle_mesh(points: Vec<Point3<f64>>, faces: Vec<[u32; 3]>) -> Mesh {
     Mesh::new(points, Faces::triangles(faces)).unwrap()
 }
 
-/// Returns the mesh without the vertices for which `is_lost` is true and without their faces; the others keep their order.
+/// Returns the mesh without the vertices for which `is_lost` is true and without their faces. The remaining vertices and faces keep their
+/// order.
 pub(super) fn remove_vertices(mesh: &Mesh, is_lost: impl Fn(&Point3<f64>) -> bool) -> Mesh {
     let lost: Vec<bool> = mesh.positions().iter().map(is_lost).collect();
     super::border::regions::cut(mesh, &lost).unwrap().0
 }
 
-/// Returns the unit sphere: an octahedron whose faces are divided into four `times` times.
+/// Returns the unit sphere: an octahedron whose faces are divided into four, `times` times.
 pub(super) fn sphere(times: u32) -> Mesh {
     let mut points: Vec<Vector3<f64>> = [Vector3::x(), Vector3::y(), Vector3::z()]
         .into_iter()
@@ -56,7 +56,7 @@ pub(super) fn sphere(times: u32) -> Mesh {
     triangle_mesh(points.into_iter().map(Point3::from).collect(), faces)
 }
 
-/// Returns a grid of unit squares, each divided into two triangles, with heights given by column and row.
+/// Returns a grid of unit squares, each divided into two triangles. `height` gives the z coordinate for a column and row.
 pub(super) fn grid(columns: u32, rows: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
     let points = (0..columns * rows)
         .map(|k: u32| (f64::from(k % columns), f64::from(k / columns)))

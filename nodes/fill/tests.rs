@@ -1,4 +1,4 @@
-//! Properties of filled meshes.
+//! Tests of the properties of filled meshes.
 
 use maquette_node::{Error, Progress};
 use maquette_value::{Attribute, Faces, Mesh};
@@ -29,7 +29,7 @@ fn has_warning(filled: &FilledMesh, text: &str) -> bool {
     filled.warnings.iter().any(|warning| warning.contains(text))
 }
 
-/// Checks that the result is manifold and contains the original mesh; returns the number of remaining border edges.
+/// Checks that the result is manifold and contains the original mesh. Returns the number of remaining border edges.
 fn check_kept(mesh: &Mesh, filled: &Mesh) -> usize {
     let (data, kept) = (mesh.positions().len(), mesh.faces().len());
     fn bits(p: &Point3<f64>) -> [u64; 3] {
@@ -51,14 +51,14 @@ fn euler(mesh: &Mesh) -> i64 {
     mesh.positions().len() as i64 - mesh.edges().vertices.len() as i64 + mesh.faces().len() as i64
 }
 
-// Holds for each plain fill method: flat triangles, membrane and thin plate.
+// Tested for each surface without exemplars: flat triangles, membrane and thin plate.
 #[test]
 fn a_hole_in_a_plane_stays_in_the_plane() {
     let tilted = grid(24, 20, |x, y| 0.3 * x - 0.2 * y);
     let holes: [fn(&Point3<f64>) -> bool; 3] = [
         |p| (p.x - 12.0).abs() + (p.y - 9.0).abs() < 6.0,
         |p| (p - Point3::new(12.0, 9.0, p.z)).norm_squared() < 30.0,
-        // The missing squares form an L-shaped hole.
+        // An L-shaped hole.
         |p| {
             (4.0..8.0).contains(&p.x) && (4.0..16.0).contains(&p.y)
                 || (4.0..18.0).contains(&p.x) && (4.0..8.0).contains(&p.y)
@@ -79,7 +79,7 @@ fn a_hole_in_a_plane_stays_in_the_plane() {
     }
 }
 
-// Holds for each plain fill method: flat triangles, membrane and thin plate.
+// Tested for each surface without exemplars: flat triangles, membrane and thin plate.
 #[test]
 fn a_filled_sphere_is_closed_and_keeps_its_vertices() {
     let mesh = remove_vertices(&sphere(4), |p| p.z > 0.88 || p.x > 0.9);
@@ -95,7 +95,7 @@ fn a_filled_sphere_is_closed_and_keeps_its_vertices() {
     }
 }
 
-// Fills with the edge length of the rim, and with a given edge length.
+// Tests fills with the edge length of the rim, and with a given edge length.
 #[test]
 fn filled_edges_are_about_as_long_as_wanted() {
     let mesh = remove_vertices(&sphere(5), |p| p.z > 0.8);
@@ -130,7 +130,7 @@ fn filled_edges_are_about_as_long_as_wanted() {
 
 #[test]
 fn a_hole_that_touches_itself_is_two_holes() {
-    // The hole consists of two diamonds that share a corner.
+    // The hole consists of two diamonds (rotated squares) that share a corner.
     let mesh = remove_vertices(&grid(20, 12, |x, y| 0.05 * x * y), |p| {
         (p.x - 6.0).abs() + (p.y - 5.0).abs() < 3.5 && p.x < 8.5
     });
@@ -139,7 +139,7 @@ fn a_hole_that_touches_itself_is_two_holes() {
         let filled = fill(&holed, HoleChoice::All, method).unwrap().mesh;
         assert_eq!(check_kept(&holed, &filled), 2 * (19 + 11));
     }
-    // Two missing triangles have one common vertex.
+    // Remove two triangles with one common vertex.
     let mut faces: Vec<[u32; 3]> = grid(6, 6, |_, _| 0.0).faces().as_triangles().unwrap().to_vec();
     let shared = 14;
     let touching: Vec<usize> =
@@ -160,7 +160,7 @@ fn a_hole_that_touches_itself_is_two_holes() {
     }
 }
 
-// One hole has three edges; another is a gap in a strip of triangles.
+// Tests two kinds of holes: one with three edges, and a gap in a strip of triangles.
 #[test]
 fn the_smallest_holes_get_their_original_triangles() {
     let whole = sphere(1);
@@ -173,7 +173,7 @@ fn the_smallest_holes_get_their_original_triangles() {
         let added = filled.faces().face(filled.faces().len() - 1);
         assert!(last.iter().all(|vertex| added.contains(vertex)));
     }
-    // One triangle of a ring of triangles is missing: both rims contain the vertex opposite to the gap.
+    // Remove one triangle of a ring of triangles: then both rims contain the vertex opposite to the gap.
     let ring = (0..8u32).flat_map(|k| {
         let next = (k + 1) % 8;
         [[k, next, 8 + k], [next, 8 + next, 8 + k]]
@@ -210,7 +210,7 @@ fn a_mesh_that_is_not_manifold_is_rejected_with_the_elements() {
     let book = triangle_mesh(points(5), vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]);
     let error = fill(&book, HoleChoice::All, FillMethod::Flat).unwrap_err();
     assert!(error.to_string().starts_with("the mesh is not manifold at edge 0-1: "), "{error}");
-    // The mesh consists of two tetrahedra that touch at a vertex.
+    // A mesh of two tetrahedra that touch at a vertex.
     fn tetrahedron([a, b, c, d]: [u32; 4]) -> [[u32; 3]; 4] {
         [[a, c, b], [a, b, d], [a, d, c], [b, c, d]]
     }
@@ -262,7 +262,7 @@ fn a_region_is_cut_out_and_filled_and_nothing_else() {
 #[test]
 fn an_isolated_component_in_a_cut_region_is_removed() {
     let whole = sphere(4);
-    // Everything around one triangle is damaged, but not the triangle itself.
+    // Mark everything around one triangle as damaged, but not the triangle itself.
     let faces = whole.faces().as_triangles().unwrap();
     let island = faces[0];
     let middle = nalgebra::center(
@@ -283,7 +283,7 @@ fn an_isolated_component_in_a_cut_region_is_removed() {
         assert!(filled.mesh.edges().faces.iter().all(|&faces| faces == 2));
         assert!(!has_warning(&filled, "border"), "{:?}", filled.warnings);
     }
-    // If the triangle counts as data, it is a component of its own, which stays open; a warning reports it.
+    // If the mesh is cut without removing the triangle, the triangle is a component of its own, which stays open; a warning reports it.
     let lost = mesh.vertex().get("bad").cloned();
     let Some(Attribute::Flag(lost)) = lost else { panic!("no flags") };
     let loose =
@@ -300,7 +300,7 @@ fn an_isolated_component_in_a_cut_region_is_removed() {
 
 #[test]
 fn polygons_are_kept_and_attributes_are_continued() {
-    // The faces are quads, and the texture coordinates equal the positions.
+    // The faces are quads, and the texture coordinates equal the x and y coordinates.
     let columns = 12;
     let quads: Vec<u32> = (0..columns - 1)
         .flat_map(|row| (0..columns - 1).map(move |column| row * columns + column))
@@ -315,7 +315,7 @@ fn polygons_are_kept_and_attributes_are_continued() {
     let faces = Faces::uniform(4, quads).unwrap();
     let numbers: Vec<u32> = (0..faces.len() as u32).collect();
     let mesh = Mesh::new(points, faces).unwrap();
-    // The vertices in the middle of the hole have no faces.
+    // The vertices inside the hole have no faces.
     let mesh = mesh
         .with_vertex("uv", Attribute::Pair(uv.into()))
         .and_then(|mesh| {
@@ -367,7 +367,7 @@ fn fills_of_rough_rims_do_not_intersect_themselves() {
 
 #[test]
 fn another_surface_avoids_an_obstacle() {
-    // A small ball is in the plane of the rim; a thin plate passes above the ball.
+    // A small ball is in the plane of the rim. A thin plate passes above the ball.
     let open = remove_vertices(&sphere(4), |p| p.z > 0.85);
     let ball = sphere(2);
     let data = open.positions().len() as u32;
@@ -409,7 +409,7 @@ fn several_threads_give_the_same_bytes() {
     check_threads(&mesh);
 }
 
-/// Checks that a thin plate is computed with the same bytes on any number of threads.
+/// Checks that a thin plate has the same bytes for any number of threads.
 fn check_threads(mesh: &Mesh) {
     fn fill_on_threads(threads: usize, mesh: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -446,8 +446,8 @@ fn a_rim_of_thousands_of_edges_is_filled() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// For any faces removed from a rough sphere or height field, either the filled mesh is manifold and contains the data, or an error
-    /// gives the reason.
+    /// Removes random faces from a rough sphere or height field. Then either the filled mesh is manifold and contains the input mesh, or an
+    /// error gives the reason.
     #[test]
     fn random_holes_give_surfaces_or_errors(seed in 0u64..1 << 40, fraction in 0.02f64..0.5, method in 0usize..4, closed: bool) {
         let whole = if closed { sphere(3) } else { grid(14, 14, |x, y| 2.0 * random(seed ^ (x + 14.0 * y) as u64)) };

@@ -1,4 +1,4 @@
-//! Triangulations of holes: choosing, changing and storing them.
+//! The triangulations that fill holes: choosing, changing and storing them.
 
 pub(super) mod density;
 pub(super) mod filling;

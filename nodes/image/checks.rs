@@ -1,9 +1,9 @@
-//! Checks of inputs that must match a picture: pixels and masks.
+//! Checks that masks and pixel positions given to a node match its picture.
 
 use maquette_node::{Error, bail};
 use maquette_value::{Image, Mask};
 
-/// Checks that a mask, if given, has the size of the picture.
+/// Checks that the mask `within`, if given, has the size of the picture.
 pub(super) fn check_size(picture: [usize; 2], within: Option<&Mask>) -> Result<(), Error> {
     match within.map(|mask| [mask.width(), mask.height()]) {
         Some(mask) if mask != picture => {

@@ -1,4 +1,4 @@
-//! The neighborhood that connects pixels of a mask.
+//! The neighborhood that connects the pixels of a mask: four or eight neighbors.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -77,15 +77,15 @@ impl Node for Edges {
     }
 }
 
-/// Finds the edges of `picture` inside `within` (everywhere if `None`). Returns them with the length of the gradient at every pixel, in
-/// levels per pixel.
+/// Finds the edges of `picture` inside `within` (everywhere if `None`). Also returns the length of the gradient at each pixel, in levels
+/// per pixel.
 ///
-/// A pixel is on an edge if its gradient is at least `low` x `high`, and it is connected with a pixel whose gradient is at least `high` by
-/// a path over such pixels, along sides and corners. This is hysteresis: Canny, "A computational approach to edge detection", IEEE
-/// Transactions on Pattern Analysis and Machine Intelligence 8 (1986), section VII. `blur` is in pixels; `low` is clamped to 0 to 1. A
-/// percentile is one of the gradients inside `within`, by nearest rank.
+/// A pixel is on an edge if two conditions hold. Its gradient is at least `low` x `high`. And a path over pixels with such gradients, along
+/// sides and corners, connects it with a pixel whose gradient is at least `high`. This is hysteresis: Canny, "A computational approach to
+/// edge detection", IEEE Transactions on Pattern Analysis and Machine Intelligence 8 (1986), section VII. `blur` is the standard deviation
+/// of a Gaussian in pixels; `low` is clamped to 0 to 1. A percentile is one of the gradients inside `within`, by nearest rank.
 ///
-/// Returns an error if `within` has another size than the picture.
+/// Returns an error if `within` does not have the size of the picture.
 pub fn edges(
     picture: &Picture,
     within: Option<&Mask>,
@@ -121,16 +121,16 @@ pub fn edges(
     Ok((mask, magnitude))
 }
 
-/// Returns the minimum gradients of weak and of strong pixels; both are greater than 0.
+/// Returns the minimum gradients of weak pixels (edge candidates) and of strong pixels (edge starts). Both are greater than 0.
 fn limits(high: f32, low: f64) -> [f32; 2] {
     [high * low.clamp(0.0, 1.0) as f32, high].map(|limit| limit.max(f32::MIN_POSITIVE))
 }
 
-/// The number of rows per task: few enough to stay in the cache.
+/// The number of rows that one task processes: few enough to stay in the cache.
 const STRIP_ROWS: usize = 16;
 
-/// Returns the pixels inside `within` whose gradient is at least the first limit, and the pixels whose gradient is at least the second.
-/// `write` may fill rows of `magnitude`, from a given row on, before they are read.
+/// Returns the pixels inside `within` whose gradient is at least the first of `limits`, and those whose gradient is at least the second.
+/// `write` is called with rows of `magnitude`, and the index of the first, to compute them before they are read.
 fn threshold_bits(
     magnitude: &mut [f32],
     within: Option<&[u8]>,
@@ -157,7 +157,7 @@ fn threshold_bits(
     [weak, strong]
 }
 
-/// A kernel that sets the bits of the pixels in a row that reach two limits; dispatched to SIMD code.
+/// A kernel that compares the gradients in a row with two limits, and sets one bit per pixel for each; dispatched to SIMD code.
 struct PackRow<'a> {
     lengths: &'a [f32],
     within: Option<&'a [u8]>,
@@ -195,7 +195,7 @@ fn unpack_mask(bits: &Bits, width: usize, height: usize) -> Mask {
     Mask::from_bools(width, height, pixels).expect("one mark per pixel")
 }
 
-/// Marks the pixels whose bits are set. All pixels must be unmarked before.
+/// Sets the pixels whose bits are 1 in `word`. All pixels must be false before.
 fn unpack(word: u64, pixels: &mut [bool; WORD]) {
     if word != 0 {
         let (eights, _) = pixels.as_chunks_mut();
@@ -204,7 +204,7 @@ fn unpack(word: u64, pixels: &mut [bool; WORD]) {
     }
 }
 
-/// For every byte, its bits as booleans, lowest first.
+/// For each byte, its eight bits as booleans, lowest bit first.
 const UNPACKED: [[bool; 8]; 256] = {
     let mut table = [[false; 8]; 256];
     let mut index = 0;
@@ -222,7 +222,7 @@ mod tests {
 
     use super::*;
 
-    /// Returns a gray picture from a drawing with one digit per pixel; the level is ten times the digit.
+    /// Returns a gray picture drawn with one digit per pixel; the gray level is ten times the digit.
     fn gray(rows: &[&str]) -> Picture {
         let pixels =
             rows.iter().flat_map(|row| row.bytes()).map(|digit: u8| [(digit - b'0') * 10; 3]);
@@ -260,7 +260,7 @@ mod tests {
             .###.
         "#]]
         .assert_eq(&band.draw());
-        // At the border of the picture the gradient is one-sided, over two pixels inside.
+        // At the border of the picture the gradient is one-sided: inside the picture, over two pixels.
         assert_eq!((magnitude.pixels()[2], magnitude.pixels()[7]), (1.0, 0.5));
     }
 

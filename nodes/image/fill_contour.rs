@@ -47,12 +47,12 @@ impl Node for FillContour {
 }
 
 /// Fills `mask`: returns everything except the background that is connected by sides to the border of the picture. If `mask` encloses
-/// nothing, its gaps are first closed with a square of the radius `radius`; if it then still encloses nothing, `mask` is returned.
+/// nothing, its gaps are first closed with a square of the radius `radius`. If the result encloses nothing either, `mask` is returned.
 pub fn fill_contour(mask: &Mask, radius: usize) -> Mask {
     fill(mask).or_else(|| fill(&close(mask, radius))).unwrap_or_else(|| mask.clone())
 }
 
-/// Returns the filled mask; `None` if it encloses nothing.
+/// Returns the filled mask; `None` if `mask` encloses nothing.
 fn fill(mask: &Mask) -> Option<Mask> {
     let (width, height) = (mask.width(), mask.height());
     fn make(pixels: Vec<bool>, width: usize, height: usize) -> Mask {
@@ -130,7 +130,6 @@ mod tests {
         assert_eq!(fill_contour(&line, 1), line);
     }
 
-    // Filling the outline of a disk gives the disk.
     #[test]
     fn the_outline_of_a_disk_fills_to_the_disk() {
         for radius in 1..25 {

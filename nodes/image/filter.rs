@@ -1,4 +1,4 @@
-//! Filters, which compute a value for each pixel from its neighborhood.
+//! Filters, which compute a value for each pixel from the pixels around it.
 
 pub(super) mod gaussian;
 pub(super) mod gradient;

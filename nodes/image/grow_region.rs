@@ -55,14 +55,15 @@ impl Node for GrowRegion {
     }
 }
 
-/// Grows a region from `seeds` (column, row) inside `within` (everywhere if `None`). A pixel beside the region joins it if the pixel's
-/// distance from the current mean color of the region is at most `distance`, in Lab with lightness differences weighted by `lightness`.
+/// Grows a region from `seeds` (column, row) inside `within` (everywhere if `None`). A pixel next to the region joins it if the distance
+/// between its color and the current mean color of the region is at most `distance`. Colors are compared in CIE L*a*b*, with lightness
+/// differences weighted by `lightness`.
 ///
-/// Adams and Bischof, "Seeded region growing", IEEE Transactions on Pattern Analysis and Machine Intelligence 16 (1994), for one region:
-/// candidates are ordered by the distance that they had when the region reached them; equally distant ones row by row from the top. A
-/// candidate that was rejected is tried again when the region reaches it from another side.
+/// Adams and Bischof, "Seeded region growing", IEEE Transactions on Pattern Analysis and Machine Intelligence 16 (1994), for one region.
+/// Candidate pixels are ordered by the color distance that they had when the region reached them; equally distant ones row by row from the
+/// top. A candidate that was rejected is tried again when the region reaches it from another side.
 ///
-/// Returns an error if a seed is outside the picture, or `within` has another size.
+/// Returns an error if a seed is outside the picture, or if `within` does not have the size of the picture.
 pub fn grow_region(
     image: &Image,
     within: Option<&Mask>,
@@ -99,11 +100,11 @@ struct Region<'a> {
     image: &'a Image,
     lightness: f64,
     inside: Vec<bool>,
-    /// The sum of the colors of the region: L, a, b.
+    /// The sum of the colors of the region's pixels: L, a, b.
     sum: [f64; 3],
     count: f64,
-    /// The candidates, closest first. An entry contains the bits of the squared distance, which have the same order as the distances, and
-    /// the index of the pixel.
+    /// The candidate pixels, closest color first. An entry contains the bits of the squared color distance, which sort like the distances,
+    /// and the index of the pixel.
     waiting: BinaryHeap<Reverse<(u64, usize)>>,
 }
 
@@ -121,7 +122,7 @@ impl Region<'_> {
         }
     }
 
-    /// Returns the squared distance of a pixel from the mean color.
+    /// Returns the squared distance between a pixel's color and the mean color of the region.
     fn distance_sq(&self, index: usize) -> f64 {
         let color = self.color(index);
         let [l, a, b] = [0, 1, 2].map(|k| color[k] - self.sum[k] / self.count);
@@ -149,7 +150,7 @@ impl Region<'_> {
 mod tests {
     use super::*;
 
-    /// Returns a gray picture from a drawing with one digit per pixel; the level is ten times the digit.
+    /// Returns a gray picture drawn with one digit per pixel; the gray level is ten times the digit, plus 50.
     fn gray(rows: &[&str]) -> Image {
         let pixels =
             rows.iter().flat_map(|row| row.bytes()).map(|digit| [(digit - b'0') * 10 + 50; 3]);
@@ -169,7 +170,7 @@ mod tests {
 
     #[test]
     fn it_follows_a_color_that_changes_slowly() {
-        // Each step is about 4 in lightness, and the mean is in the middle of the range covered.
+        // Each step changes the lightness by about 4, and the mean color is at the center of the range that the region covers.
         assert_eq!(grow(&["0123456789"], &[(0, 0)], 9.0, 1.0), "####......\n");
         assert_eq!(grow(&["0123456789"], &[(0, 0)], 3.0, 1.0), "#.........\n");
     }

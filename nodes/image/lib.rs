@@ -1,4 +1,4 @@
-//! Nodes on pictures.
+//! Nodes that process pictures and masks.
 
 use maquette_node::{Pack, node};
 
@@ -41,7 +41,7 @@ pub use segment::select::{Channel, Select, Space};
 pub use thin::{Thin, ThinMethod, thin};
 pub use threshold::Threshold;
 
-/// Nodes on pictures.
+/// The pack of nodes that process pictures and masks.
 pub static PACK: Pack = Pack {
     name: "image",
     version: env!("CARGO_PKG_VERSION"),

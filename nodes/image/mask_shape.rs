@@ -72,7 +72,7 @@ impl Node for MaskShape {
     }
 }
 
-/// Returns the pixels whose centers are in a shape, or with `invert` all other pixels.
+/// Returns a mask of the pixels whose centers are in a shape, or with `invert` of all other pixels.
 pub fn mask_shape(width: usize, height: usize, shape: &Shape, invert: bool) -> Mask {
     let mut pixels = vec![0; width * height];
     pixels.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, pixels)| {
@@ -87,7 +87,7 @@ pub fn mask_shape(width: usize, height: usize, shape: &Shape, invert: bool) -> M
     Mask::new(width, height, pixels).expect("one entry per pixel")
 }
 
-/// Returns the x coordinates at which the shape begins and ends, alternately, on a row of the picture.
+/// Returns the x coordinates at which the shape begins and ends, alternately, on the line with the given y coordinate.
 fn spans(shape: &Shape, y: f64) -> Vec<f64> {
     match shape {
         Shape::Rectangle { at: [left, top], size: [width, height] } => {
@@ -95,7 +95,7 @@ fn spans(shape: &Shape, y: f64) -> Vec<f64> {
             if crosses_row { vec![*left, left + width] } else { Vec::new() }
         }
         Shape::Ellipse { center, radii: [a, b], angle } => {
-            // The equation (cos x + sin y)^2 / a^2 + (cos y - sin x)^2 / b^2 = 1 of the rotated ellipse, solved for x.
+            // Solve the equation of the rotated ellipse, (cos x + sin y)^2 / a^2 + (cos y - sin x)^2 / b^2 = 1, for x.
             let (sin, cos) = libm::sincos(angle.to_radians());
             let y = y - center[1];
             fn square(x: f64) -> f64 {

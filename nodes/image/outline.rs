@@ -1,4 +1,4 @@
-//! Keeps the border of a mask.
+//! Keeps only the pixels on the border of a mask.
 
 use maquette_node::{Context, Error, In, Node};
 use maquette_value::Mask;
@@ -24,7 +24,7 @@ impl Node for Outline {
     }
 }
 
-/// Returns the pixels of `mask` that share a side with a pixel outside, or with the border of the picture.
+/// Returns the pixels of `mask` that share a side with a pixel outside the mask, or with the border of the picture.
 pub fn outline(mask: &Mask) -> Mask {
     let (width, height) = (mask.width(), mask.height());
     let mut border = Vec::with_capacity(width * height);

@@ -71,13 +71,13 @@ impl Node for PaintedMask {
     }
 }
 
-/// Returns true if the proportions of two pictures differ by more than a pixel.
+/// Returns true if the aspect ratios of two pictures differ by more than a pixel.
 fn is_stretched([w, h]: [usize; 2], [width, height]: [usize; 2]) -> bool {
     let max = w.max(h).max(width).max(height);
     (w * height).abs_diff(h * width) > max
 }
 
-/// Returns the painted pixels of a picture as a mask of another size, by nearest neighbor; with `invert` all other pixels.
+/// Returns a mask of the painted pixels, scaled to the given size by nearest neighbor; with `invert` of all other pixels.
 pub fn painted_mask(
     painted: &Image,
     [width, height]: [usize; 2],

@@ -1,4 +1,4 @@
-//! Inputs with pixels.
+//! Inputs of nodes that accept a picture or a mask.
 
 use maquette_value::{Image, Mask};
 

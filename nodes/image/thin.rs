@@ -1,7 +1,7 @@
 //! Thins a mask to lines of one pixel.
 //!
-//! Pixels of the mask are connected by sides and corners, pixels outside by sides only. The neighbors of a pixel are numbered clockwise,
-//! beginning above it: bit k of a neighborhood is set if neighbor k is inside the mask.
+//! Pixels inside the mask are connected by sides and corners, pixels outside it by sides only. The eight neighbors of a pixel are numbered
+//! clockwise, beginning above it. In a neighborhood (`u8`), bit k is set if neighbor k is inside the mask.
 
 use maquette_node::{Context, Error, In, Node, bail};
 use maquette_value::{Field, Mask};
@@ -46,17 +46,17 @@ impl Node for Thin {
 
 /// Thins `mask` to lines of one pixel. Pixels beyond the picture are outside.
 ///
-/// [`ThinMethod::Ordered`] visits the pixels of the border layer by layer, in the order of `keep` (least first, NaN before all numbers;
-/// without `keep`, by their distance from the outside; equal ones row by row from the top). It removes each pixel that is simple when it is
-/// visited and is not the end of a line. A pixel is simple if Yokoi's number is 1: Yokoi, Toriwaki and Fukumura, "An analysis of
-/// topological properties of digitized binary pictures using local features" (1975). The number of parts and of holes is kept, and thinning
-/// the result again changes nothing.
+/// [`ThinMethod::Ordered`] visits the pixels of the border layer by layer, in the order of `keep`: least first, NaN before all numbers.
+/// Without `keep`, they are ordered by their distance from the outside. Pixels with equal keys are visited row by row from the top. A pixel
+/// is removed if it is simple when it is visited and is not the end of a line. It is simple if Yokoi's number is 1, that is, if its removal
+/// changes no connection: Yokoi, Toriwaki and Fukumura, "An analysis of topological properties of digitized binary pictures using local
+/// features" (1975). The number of parts and of holes is kept, and thinning the result again changes nothing.
 ///
 /// [`ThinMethod::GuoHall`]: Guo and Hall, "Parallel thinning with two-subiteration algorithms" (1989), algorithm A1.
 /// [`ThinMethod::ZhangSuen`]: Zhang and Suen, "A fast parallel algorithm for thinning digital patterns" (1984).
 ///
 /// # Errors
-/// Returns an error if `keep` has another size.
+/// Returns an error if `keep` does not have the size of the mask.
 pub fn thin(mask: &Mask, keep: Option<&Field>, method: ThinMethod) -> Result<Mask, Error> {
     let size = [mask.width(), mask.height()];
     if let Some(keep) = keep.map(|field| [field.width(), field.height()]).filter(|k| *k != size) {
@@ -74,7 +74,7 @@ pub fn thin(mask: &Mask, keep: Option<&Field>, method: ThinMethod) -> Result<Mas
     Ok(canvas.mask())
 }
 
-/// A mask with a margin of one pixel outside.
+/// A mask surrounded by a margin of one pixel that is outside.
 struct Canvas {
     size: [usize; 2],
     stride: usize,
@@ -132,7 +132,8 @@ impl Canvas {
                 }
             }
             border.clear();
-            // All other pixels have been tried, and their neighborhoods have not changed since.
+            // Only pixels near removed ones can be in the next layer. The others have been tried, and their neighborhoods have not changed
+            // since.
             for &index in &touched {
                 if self.pixels[index] == 1 && !listed[index] && self.is_on_border(index) {
                     listed[index] = true;
@@ -143,8 +144,8 @@ impl Canvas {
         }
     }
 
-    /// Removes, all at once, the pixels whose neighborhoods `can_go` accepts, with pass 0 and pass 1 alternating, until no pixel is
-    /// removed.
+    /// Removes the pixels whose neighborhoods `can_go` accepts. In each pass they are removed all at once; pass 0 and pass 1 alternate
+    /// until no pixel is removed.
     fn thin_at_once(&mut self, can_go: fn(u8, usize) -> bool) {
         let tables = [0, 1].map(|pass| -> [bool; 256] {
             std::array::from_fn(|neighborhood| can_go(neighborhood as u8, pass))
@@ -163,12 +164,12 @@ impl Canvas {
         }
     }
 
-    /// Returns, for each pixel, about three times its distance from the outside: the 3-4 chamfer distance, Borgefors, "Distance
+    /// Returns, for each pixel, about three times its distance from the outside of the mask: the 3-4 chamfer distance, Borgefors, "Distance
     /// transformations in digital images" (1986).
     fn distances(&self) -> Vec<u32> {
         let mut distances: Vec<u32> =
             self.pixels.iter().map(|&pixel| if pixel == 1 { u32::MAX / 2 } else { 0 }).collect();
-        // One pass compares each pixel with the neighbors before it, left and above; the other pass with those after it.
+        // The first pass compares each pixel with the neighbors before it (left and above), the second pass with those after it.
         for (backwards, earlier) in [(false, [6, 7, 0, 1]), (true, [2, 3, 4, 5])] {
             let count = distances.len();
             for step_index in 0..count {
@@ -185,7 +186,7 @@ impl Canvas {
         distances
     }
 
-    /// Returns, for each pixel, an integer that orders pixels like the numbers of the field; 0 for NaN.
+    /// Returns, for each pixel, an integer that sorts like the number of the field at this pixel; 0 for NaN.
     fn ranks(&self, field: &Field) -> Vec<u32> {
         let mut ranks = vec![0; self.pixels.len()];
         let rows = ranks.chunks_mut(self.stride).skip(1);
@@ -197,7 +198,7 @@ impl Canvas {
 }
 
 fn rank(number: f32) -> u32 {
-    // Adding 0 turns -0 into 0.
+    // Adding 0 converts -0 to 0.
     let bits = (number + 0.0).to_bits();
     match number {
         _ if number.is_nan() => 0,
@@ -206,10 +207,10 @@ fn rank(number: f32) -> u32 {
     }
 }
 
-/// The bits of the neighbors that share a side with the pixel.
+/// The bits in a neighborhood of the neighbors that share a side with the pixel.
 const SIDES: u8 = 0b0101_0101;
 
-/// True for the neighborhoods of removable pixels: simple ones that are not the end of a line.
+/// For each neighborhood, true if the pixel may be removed: it is simple (its removal changes no connection) and not the end of a line.
 const CAN_GO: [bool; 256] = {
     let mut table = [false; 256];
     let mut neighborhood = 0;
@@ -225,7 +226,7 @@ const fn can_go(neighborhood: u8) -> bool {
     let mut yokoi = 0;
     let mut k = 0;
     while k < 8 {
-        // The lowest three bits are the neighbors k, k + 1 and k + 2.
+        // The lowest three bits of `three` are the neighbors k, k + 1 and k + 2.
         let three = outside.rotate_right(k) & 0b111;
         if three & 1 == 1 && three != 0b111 {
             yokoi += 1;
@@ -235,8 +236,8 @@ const fn can_go(neighborhood: u8) -> bool {
     yokoi == 1 && neighborhood.count_ones() > 1
 }
 
-/// Returns true if a pixel with this neighborhood is removed in the given pass: checks the conditions (a) to (d) of Zhang and Suen, whose
-/// neighbors P2 to P9 are bits 0 to 7.
+/// Returns true if a pixel with this neighborhood is removed in the given pass, 0 or 1. Checks the conditions (a) to (d) of Zhang and Suen,
+/// whose neighbors P2 to P9 are bits 0 to 7.
 fn zhang_suen(neighborhood: u8, pass: usize) -> bool {
     let starts = neighborhood & !neighborhood.rotate_left(1);
     fn has_all(bits: u8, neighborhood: u8) -> bool {
@@ -256,8 +257,8 @@ fn zhang_suen(neighborhood: u8, pass: usize) -> bool {
     (2..=6).contains(&neighborhood.count_ones()) && starts.count_ones() == 1 && !stays
 }
 
-/// Returns true if a pixel with this neighborhood is removed in the given pass: checks the conditions of Guo and Hall's algorithm A1, whose
-/// neighbors P1 to P8 are counted clockwise from the upper left: here bits 7, 0, 1, ... 6.
+/// Returns true if a pixel with this neighborhood is removed in the given pass, 0 or 1. Checks the conditions of Guo and Hall's algorithm
+/// A1. Its neighbors P1 to P8 are counted clockwise from the upper left, so they are bits 7, 0, 1, ... 6 here.
 fn guo_hall(neighborhood: u8, pass: usize) -> bool {
     let [n, ne, e, se, s, sw, w, nw] = std::array::from_fn(|k| neighborhood >> k & 1 == 1);
     fn count(conditions: [bool; 4]) -> usize {
@@ -280,7 +281,7 @@ mod tests {
 
     const ALL: [ThinMethod; 3] = [ThinMethod::Ordered, ThinMethod::GuoHall, ThinMethod::ZhangSuen];
 
-    /// Returns a pseudorandom number: Marsaglia's xorshift.
+    /// Returns a pseudorandom number and advances `state`: Marsaglia's xorshift.
     fn random(state: &mut u64) -> u64 {
         *state ^= *state << 13;
         *state ^= *state >> 7;
@@ -288,7 +289,7 @@ mod tests {
         *state >> 11
     }
 
-    /// Returns random noise, smoothed to blobs for some seeds; size and density depend on the seed.
+    /// Returns a mask of random noise, for some seeds smoothed to blobs. Size and density depend on the seed.
     fn blobs(seed: u64) -> Mask {
         let mut state = (seed + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let [width, height] = [28 - (seed % 5) as usize, 28 - (seed % 3) as usize];
@@ -316,8 +317,8 @@ mod tests {
         .unwrap()
     }
 
-    /// Returns two numbers: of the parts inside, connected by sides and corners, and of the parts outside, connected by sides. Everything
-    /// beyond the picture belongs to one part outside.
+    /// Returns two numbers: that of the parts inside the mask, connected by sides and corners, and that of the parts outside, connected by
+    /// sides. Everything beyond the picture belongs to one part outside.
     fn parts(mask: &Mask) -> [usize; 2] {
         let inside = label(mask, Connectivity::Eight).statistics().len();
         let canvas = Canvas::new(mask);

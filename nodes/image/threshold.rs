@@ -1,4 +1,4 @@
-//! Marks the pixels of a picture by color, by a box of colors, or by Otsu's method.
+//! Selects pixels of a picture by a color, by a box of colors, or by Otsu's method.
 
 use maquette_node::{Context, Error, In, Node};
 use maquette_value::{Color, Image, Mask};
@@ -43,7 +43,7 @@ impl Node for Threshold {
     }
 }
 
-/// Explains an empty selection: names the pixel that came closest to being selected, and its distance.
+/// Returns a warning text for an empty selection: the pixel that came closest to being selected, and its distance.
 fn explain_empty(image: &Image, within: Option<&Mask>, select: &Select) -> Result<String, Error> {
     let (measure, limit) = measure(image, within, select)?;
     let distances = image.pixels().iter().map(|&pixel| measure.distance(pixel)).enumerate();
@@ -75,7 +75,7 @@ mod tests {
     use super::*;
     use crate::segment::select::{Channel, Space};
 
-    /// Returns a picture drawn with letters: r, g, b, w (white), k (black), p (pink).
+    /// Returns a picture drawn with one letter per pixel: r, g, b, w (white), k (black), p (pink).
     fn picture(rows: &[&str]) -> Image {
         let pixels = rows.iter().flat_map(|row| row.chars()).map(|letter| match letter {
             'r' => [255, 0, 0],

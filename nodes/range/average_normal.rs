@@ -1,4 +1,4 @@
-//! Computes the mean normal of a region's surface.
+//! Computes the mean surface normal of a region of a range image.
 
 use maquette_node::{Context, Error, In, Node, bail};
 use maquette_value::{Direction, RangeImage, Region};
@@ -30,7 +30,7 @@ pub enum Weight {
     Area,
 }
 
-/// The error that a region has no triangle.
+/// The error for a region that has no triangle.
 #[derive(Debug, thiserror::Error)]
 #[error("the region has no triangle: no three of its cells share a corner")]
 struct NoTriangleError;
@@ -52,14 +52,14 @@ impl Node for AverageNormal {
     }
 }
 
-/// Returns the mean of the normals of the triangles between the region's cells, on the side of the sensor. The resultant of the returned
+/// Returns the mean of the normals of the triangles between the region's cells, on the side of the sensor. The resultant in the returned
 /// direction is the length of the mean: 1 if all normals agree.
 ///
-/// [`Weight::Unit`] gives the mean of the unit normals `t / |t|`, [`Weight::Area`] gives the sum of all `t` divided by the sum of their
-/// lengths. Here `t` is the cross product of two edges of a triangle. Triangles without area are left out.
+/// With `t` the cross product of two edges of a triangle, [`Weight::Unit`] gives the mean of the unit normals `t / |t|`, and
+/// [`Weight::Area`] gives the sum of all `t` divided by the sum of their lengths. Triangles without area are left out.
 ///
 /// # Errors
-/// Returns an error if the region's grid is not that of `range`, there is no triangle with area, or the normals cancel out.
+/// Returns an error if the region's grid does not have the size of `range`, if no triangle has an area, or if the normals cancel out.
 pub fn average_normal(
     region: &Region,
     range: &RangeImage,
@@ -67,7 +67,7 @@ pub fn average_normal(
 ) -> Result<Direction, Error> {
     check_size(region, range)?;
     let (width, height, points) = grid_of(region);
-    // The minimum length of a triangle's `t`, twice its area: smaller triangles are only rounding errors.
+    // The minimum length of a triangle's cross product `t`, which is twice its area. Shorter ones result from rounding errors only.
     let min_length = 1e-18 * square(size_of(region.points()));
     let (mut sum, mut total) = (Vector3::zeros(), 0.0);
     for triangle in grid_triangles(width, height, &points, |_| 0, |_, _| true) {
@@ -93,12 +93,12 @@ pub fn average_normal(
     Ok(Direction::mean(towards_sensor(sum / total, region, range))?)
 }
 
-/// Returns the normal of the plane closest to the region's points, towards the sensor: the axis along which the points spread least. Used
+/// Returns the normal of the plane closest to the region's points: the axis along which the points spread least, towards the sensor. Used
 /// for a region without triangles.
 ///
 /// Pearson, "On lines and planes of closest fit to systems of points in space" (1901).
 ///
-/// Returns an error if the region's grid is not that of `range`, or the points are on a line.
+/// Returns an error if the region's grid does not have the size of `range`, or if the points are on a line.
 pub fn principal_normal(region: &Region, range: &RangeImage) -> Result<Direction, Error> {
     check_size(region, range)?;
     let (center, size) = (centroid(region.points()), size_of(region.points()));
@@ -128,9 +128,9 @@ fn no_plane() -> Error {
     Error::new("the points of the region are on a line or coincide, so there is no normal")
 }
 
-/// The minimum spread of points across a line for which they define a plane, as the square of its ratio to the spread along the line: a
-/// ratio of one in ten thousand. The rounding of files in single precision gives a ratio of about 6e-6; a row of a scan over a curved part
-/// has about 1e-2.
+/// The minimum spread of points across a line for which they define a plane, as the squared ratio to the spread along the line: a ratio of
+/// one in ten thousand. The rounding of files in single precision gives a ratio of about 6e-6. A row of a scan over a curved surface has a
+/// ratio of about 1e-2.
 const MIN_SPREAD: f64 = 1e-8;
 
 fn check_size(region: &Region, range: &RangeImage) -> Result<(), Error> {
@@ -142,7 +142,7 @@ fn check_size(region: &Region, range: &RangeImage) -> Result<(), Error> {
     Ok(())
 }
 
-/// Returns the rectangle around the region: its width, its height, and its points, NaN outside the region.
+/// Returns the smallest rectangle of grid cells that contains the region: its width, its height, and its points, NaN outside the region.
 fn grid_of(region: &Region) -> (usize, usize, Vec<Point3<f64>>) {
     let (low, high) = region.bounds();
     let [width, height] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
@@ -158,7 +158,7 @@ fn square(x: f64) -> f64 {
     x * x
 }
 
-/// Returns the diagonal of the bounding box of points.
+/// Returns the diagonal of the bounding box of `points`.
 fn size_of(points: &[Point3<f64>]) -> f64 {
     let start = Vector3::repeat(f64::INFINITY);
     let (low, high) = points.iter().fold((start, -start), |(low, high), point| {
@@ -187,7 +187,7 @@ mod tests {
 
     const BOTH: [Weight; 2] = [Weight::Unit, Weight::Area];
 
-    /// Returns a region of all cells of a grid with the points `at(column, row)`, and its range image.
+    /// Returns a region that contains all cells of a grid with the points `at(column, row)`, and the range image of this grid.
     fn full_grid(
         width: usize,
         height: usize,
@@ -196,7 +196,7 @@ mod tests {
         part(width, height, at, |_, _| true)
     }
 
-    /// Returns a region of the cells for which `inside` returns true.
+    /// Returns a region of the cells for which `inside` returns true, and its range image.
     fn part(
         width: usize,
         height: usize,
@@ -225,7 +225,7 @@ mod tests {
         #[test]
         fn a_plane_has_its_normal_for_any_grid(
             tilt in prop::array::uniform2(-2.0..2.0f64),
-            // Shifts are limited, because larger ones could exchange points and flip triangles.
+            // Shifts are limited, because larger ones could exchange neighboring points and flip triangles.
             shifts in prop::collection::vec(prop::array::uniform2(-0.2..0.2f64), 42),
             missing in prop::collection::vec(prop::bool::weighted(0.2), 42),
         ) {
@@ -293,7 +293,7 @@ mod tests {
 
     #[test]
     fn a_large_triangle_counts_more_by_area() {
-        // The grid has two frontal cells of 1 mm, and beside them a slope of 3 mm.
+        // The grid has two cells of 1 mm that face the sensor, and next to them a slope of 3 mm.
         let (region, range) = full_grid(3, 2, |column: f64, row: f64| match column as u32 {
             2 => Point3::new(1.0, row, 103.0),
             _ => Point3::new(column, row, 100.0),

@@ -1,4 +1,4 @@
-//! Smooths the depth of a range image and keeps its edges.
+//! Smooths the depth of a range image, except at depth edges.
 
 use maquette_node::{CancelledError, Carry, Context, Error, In, Node, Progress, Transfer};
 use maquette_value::RangeImage;
@@ -62,14 +62,14 @@ impl Node for Denoise {
     }
 }
 
-/// Smooths the depth of `range`, and keeps edges of `how.depth` mm and more.
+/// Smooths the depth of `range`, but keeps depth edges of `how.depth` mm and more.
 ///
 /// The bilateral filter of Tomasi and Manduchi, "Bilateral filtering for gray and color images" (1998), eq. 5, with two changes. First, the
-/// filter weights *pairs* of opposite neighbors by the deviation of their mean from the cell, as in Harwood, Subbarao, Hakalahti and Davis,
-/// "A new class of edge-preserving smoothing filters" (1987): a plane stays a plane for any slope, also at borders and holes. Second, the
-/// weight of a deviation is Tukey's biweight `(1 - (deviation / depth)^2)^2`, which is 0 from `depth` on: Durand and Dorsey, "Fast
-/// bilateral filtering for the display of high-dynamic-range images" (2002), table 1. The averaged quantity is 1/z, which is linear in
-/// column and row on a plane seen by a pinhole camera, or z itself for parallel rays.
+/// filter weights *pairs* of opposite neighbors by the deviation of their mean from the cell: Harwood, Subbarao, Hakalahti and Davis, "A
+/// new class of edge-preserving smoothing filters" (1987). So a plane stays a plane for any slope, also at borders and holes. Second, the
+/// weight of a deviation is Tukey's biweight `(1 - (deviation / depth)^2)^2`, which is 0 for deviations of `depth` and more: Durand and
+/// Dorsey, "Fast bilateral filtering for the display of high-dynamic-range images" (2002), table 1. For a pinhole camera the averaged
+/// quantity is 1/z, which is linear in column and row on a plane; for parallel rays it is z.
 ///
 /// Returns an error if the evaluation was cancelled.
 pub fn denoise(
@@ -83,7 +83,7 @@ pub fn denoise(
         .par_iter()
         .with_min_len(4096)
         .map(|point| match rays {
-            // Points at or behind the sensor are on no line of sight.
+            // No line of sight reaches points at or behind the sensor.
             Rays::FromOrigin if point.z > 0.0 => 1.0 / point.z,
             Rays::FromOrigin => f64::NAN,
             Rays::AlongZ => point.z,
@@ -109,20 +109,21 @@ pub fn denoise(
     Ok(range.with_points(points).expect("as many points as before"))
 }
 
-/// One neighbor of a pair of opposite neighbors, and the weight of the pair.
+/// One of two opposite neighbors of a cell, as offset from the cell, and the weight of the pair. The other one has the opposite offset.
 struct Pair {
     row: isize,
     column: isize,
     weight: f64,
 }
 
-/// Returns the pairs of neighbors within a circle; their weights are those of a Gaussian whose standard deviation is half the radius.
+/// Returns the pairs of neighbors within a circle around a cell. Their weights are those of a Gaussian whose standard deviation is half the
+/// radius.
 fn pairs(radius: isize) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for row in 0..=radius {
         for column in -radius..=radius {
             let distance_sq = row * row + column * column;
-            // Only one of each two opposite neighbors is listed, and not the cell itself.
+            // List only one of two opposite neighbors, and not the cell itself.
             let is_first = 0 < row || 0 < column;
             if is_first && distance_sq <= radius * radius {
                 let sigma = radius as f64 / 2.0;
@@ -134,7 +135,7 @@ fn pairs(radius: isize) -> Vec<Pair> {
     pairs
 }
 
-/// Applies the filter once to a grid with `width` columns.
+/// Applies the filter once to a grid with `width` columns. `heights` are the averaged quantities: 1/z or z, depending on `rays`.
 fn smooth(heights: &[f64], width: usize, rays: Rays, depth: f64, pairs: &[Pair]) -> Vec<f64> {
     if width == 0 {
         return Vec::new();
@@ -147,7 +148,7 @@ fn smooth(heights: &[f64], width: usize, rays: Rays, depth: f64, pairs: &[Pair])
     let smoothed = cells.map(|cell: usize| {
         let here = heights[cell];
         let [row, column] = [cell / width, cell % width].map(|index| index as isize);
-        // Deviations are converted to mm: the deviation of z is -z^2 times that of 1/z.
+        // Convert deviations to mm: a small deviation of z is -z^2 times that of 1/z.
         let scale = match rays {
             Rays::FromOrigin => 1.0 / (here * here * depth),
             Rays::AlongZ => 1.0 / depth,
@@ -164,7 +165,7 @@ fn smooth(heights: &[f64], width: usize, rays: Rays, depth: f64, pairs: &[Pair])
             let [a, b] = opposite.map(|cell| heights[cell as usize]);
             let deviation = (a - here + (b - here)) / 2.0;
             let relative = deviation * scale;
-            // The comparison is false for NaN, which skips pairs with an invalid cell.
+            // The comparison is false for NaN, so pairs with an invalid cell are skipped.
             if relative.abs() < 1.0 {
                 let bell = 1.0 - relative * relative;
                 sum += pair.weight * bell * bell * deviation;
@@ -185,7 +186,7 @@ mod tests {
     const CAMERA: Pinhole = Pinhole { focal: [1400.0; 2], center: [31.5, 23.5] };
     const WIDTH: usize = 64;
 
-    /// Returns a range image with the given depths by column and row.
+    /// Returns a range image with the depths `depth(column, row)`.
     fn capture(depth: impl Fn(f64, f64) -> f64) -> RangeImage {
         let points = (0..WIDTH * 48)
             .map(|cell: usize| {
@@ -196,7 +197,7 @@ mod tests {
         RangeImage::new(WIDTH, 48, points).unwrap().with_camera(Some(CAMERA))
     }
 
-    /// Returns a pseudorandom number between -1 and 1 for each pixel, with variance 1/3.
+    /// Returns a pseudorandom number from -1 to 1 for each pixel; the variance is 1/3.
     fn noise(column: f64, row: f64) -> f64 {
         let mut bits = (column as u64) << 32 | row as u64;
         for _ in 0..3 {
@@ -205,7 +206,7 @@ mod tests {
         (bits >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
 
-    /// Returns the depth of a plane inclined by about 50 degrees, with a step of about 5 mm in the middle.
+    /// Returns the depth of a plane inclined by about 50 degrees, with a step of about 5 mm at the center.
     fn plane(column: f64) -> f64 {
         let slope = 700.0 / (1.0 + (column - 31.5) * 0.001);
         if column < 32.0 { slope } else { 1.0075 * slope }

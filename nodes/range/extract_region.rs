@@ -90,34 +90,38 @@ impl Node for ExtractRegion {
     }
 }
 
-/// Returns true if all cells are inside. A region that only reaches the border may be intended, since scans are cropped.
+/// Returns true if the region contains all cells. A region that only reaches the border of the grid is no cause for a warning, since scans
+/// are cropped.
 fn is_everything(region: &Region) -> bool {
     region.cells().len() == region.width() * region.height()
 }
 
-/// Options to add cells around a labelled part to the region.
+/// Options that add cells near a labelled part to the region.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RegionOptions {
-    /// True if cells without a point are filled.
+    /// If true, cells without a point are filled.
     pub fill: bool,
-    /// True if areas that the part surrounds are included.
+    /// If true, areas that the labelled part surrounds are included.
     pub enclosed: bool,
-    /// Closes gaps up to twice this radius, in cells.
+    /// Half of the maximum width of gaps that are closed, in cells.
     pub close_radius: usize,
 }
 
 /// Extracts the part of `labels` chosen by `pick` as a region of the range grid, with its points and contours.
 ///
-/// A cell is inside if at least half of its footprint in the picture is. Then gaps are closed with a square of radius `close_radius` in
-/// cells. Areas from which no path along sides leads outside are enclosed by the part. With `enclosed`, an enclosed area is added if it
-/// continues the surface: most of its cells with a point next to the part are at most six times the grid's median spacing away from their
-/// neighbors in the part. With `fill`, a group of invalid cells connected by sides gets points if it touches no cell outside the region, or
-/// if it neither touches the border of the grid nor has more than a thousand cells. The points solve Laplace's equation, coordinate by
-/// coordinate, from the cells of the region around them. They are flagged as filled, as are cells already filled in `range`. All other
-/// invalid cells leave the region. Cells beyond the grid are outside. Of the remaining cells, the largest part connected by sides is taken;
-/// of several equally large parts, the first.
+/// A cell is inside if at least half of its footprint in the picture belongs to the part. Cells beyond the picture or the grid are outside.
+/// Then these steps follow:
+/// - Gaps are closed with a square of radius `close_radius` in cells.
+/// - With `enclosed`, areas that the part surrounds are added if they continue its surface. The part surrounds an area if no path along
+///   sides of cells leads outside. The area continues the surface if it has no points, or if most pairs of adjacent cells, one in the area
+///   and one in the part, have points at most six times the grid's median spacing apart.
+/// - With `fill`, groups of invalid cells connected by sides get points. A group qualifies if it touches no cell outside the region, or if
+///   it neither touches the border of the grid nor has more than a thousand cells. The points solve Laplace's equation, coordinate by
+///   coordinate, from the cells of the region around them. They are flagged as filled, as are cells already filled in `range`.
+/// - All other invalid cells leave the region. Of the remaining cells, the largest component connected by sides is taken; of several
+///   equally large components, the first.
 ///
-/// Returns an error if the labels have another size than the picture of the range image, the part does not exist, or no cell with a point
+/// Returns an error if the labels do not have the size of the range image's picture, if the part does not exist, or if no cell with a point
 /// remains.
 pub fn extract_region(
     labels: &Labels,
@@ -161,7 +165,7 @@ pub fn extract_region(
     finish(&pieces, largest, range, progress)
 }
 
-/// Returns the label of the part that `pick` chooses.
+/// Returns the label of the part of the picture that `pick` chooses.
 fn choose(labels: &Labels, pick: Pick) -> Result<u32, Error> {
     let count = labels.statistics().len();
     if count == 0 {
@@ -216,7 +220,7 @@ fn label_at(labels: &Labels, column: u32, row: u32) -> Result<u32, Error> {
     bail!("pixel ({column}, {row}) is background: the closest part is label {label} at {nearest:?}")
 }
 
-/// Creates the region of the cells labelled `number` in `pieces`, and computes missing points.
+/// Creates a region from the cells labelled `number` in `pieces`, and computes its missing points.
 fn finish(
     pieces: &Labels,
     number: u32,

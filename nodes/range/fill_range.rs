@@ -1,4 +1,4 @@
-//! Fills shadows of scans.
+//! Fills shadows of scans: cells without a point that the scan surrounds.
 
 use maquette_node::{Carry, Context, Error, In, Node, Progress, Transfer};
 use maquette_value::RangeImage;
@@ -48,9 +48,9 @@ impl Node for FillRange {
     }
 }
 
-/// Fills all shadows (cells without a point, connected by sides) of up to `largest` cells with a thin plate under tension through the two
-/// rows of points around them. A shadow stays open if filling it needs an edge longer than `jump` times the median distance of valid cells
-/// that share a side. New cells are marked as filled, and their triangles as parts of one surface.
+/// Fills all shadows (cells without a point, connected by sides) of up to `largest` cells with a thin plate under tension, which continues
+/// the two rows of points around each shadow. A shadow stays open if filling it needs an edge longer than `jump` times the median distance
+/// of valid cells that share a side. New cells are marked as filled, and their triangles as parts of one surface.
 ///
 /// Returns an error if the evaluation is cancelled.
 pub fn fill_range(
@@ -120,7 +120,7 @@ mod tests {
         }
         assert_eq!(fill_range(&range, 20, 20.0, &Progress::silent()).unwrap(), range);
         assert_eq!(fill_range(&range, 1000, 2.0, &Progress::silent()).unwrap(), range);
-        // On the left, the shadow is closed; on the right, the ball is still separate from the wall.
+        // On the left, the filled shadow connects ball and wall. On the right, they are still separate.
         let [open, closed] = [&range, &filled_range].map(border_edges);
         assert!(closed + 39 < open, "{closed} {open}");
     }

@@ -1,4 +1,4 @@
-//! Separates the object from the background.
+//! Separates the object from the background of a picture or range image.
 
 use maquette_image::{Channel, Connectivity, Select, close, label, level, threshold};
 use maquette_node::{Context, Error, FieldError, In, Node, bail};
@@ -88,18 +88,18 @@ impl Node for Foreground {
     }
 }
 
-/// Returns the error for a port that this value of `by` requires.
+/// Returns the error for a missing link to `port`, which this value of `by` requires.
 fn missing(by: &str, port: &str) -> Error {
     Error::new(format!("`by: {by}` requires the port `{port}`, which is not linked"))
 }
 
-/// Marks the pixels of the picture that show the object. Gaps are closed with a square of radius `close_radius`. Then, with `fill`, the
-/// areas that the object surrounds are added: background from which no path along sides leads to the border of the picture.
+/// Marks the pixels of the picture that show the object. Gaps are closed with a square of radius `close_radius`. Then, with `fill`, areas
+/// that the object surrounds are added: background pixels from which no path along sides leads to the border of the picture.
 ///
-/// With [`ForegroundBy::Valid`] both steps are done on the range grid; a pixel is then marked if the closest cell is.
+/// With [`ForegroundBy::Valid`] both steps use the cells of the range grid; then a pixel is marked if the closest cell is.
 ///
-/// Returns an error if the port that `by` requires is missing, or both ports are given and `range` is registered to a picture of another
-/// size.
+/// Returns an error if the port that `by` requires is missing, or if both ports are linked and `range` is registered to a picture of
+/// another size.
 pub fn foreground(
     range: Option<&RangeImage>,
     image: Option<&Image>,
@@ -153,13 +153,13 @@ fn select(image: &Image, select: &Select, invert: bool) -> Mask {
     threshold(image, None, select, invert).expect("no pixel is sampled and no mask given")
 }
 
-/// Returns a mask of the valid cells.
+/// Returns a mask of the range cells that have a point.
 fn valid_cells(range: &RangeImage) -> Mask {
     let valid = range.points().iter().map(|point| u8::from(!point.x.is_nan()));
     mask(range.width(), range.height(), valid.collect())
 }
 
-/// Returns the mask with the components of the background added that are connected by sides and do not reach the border.
+/// Returns the mask `object` with its holes added: background components, connected by sides, that do not reach the border.
 fn fill_holes(object: &Mask) -> Mask {
     let (width, height) = (object.width(), object.height());
     let background = object.pixels().iter().map(|pixel| 1 - pixel).collect();
@@ -173,7 +173,8 @@ fn fill_holes(object: &Mask) -> Mask {
     mask(width, height, filled.collect())
 }
 
-/// Converts a mask of range cells to a mask of the picture's pixels by the closest cell. Pixels outside all cells are outside.
+/// Converts a mask of range cells to a mask of the picture's pixels: each pixel takes the value of the closest cell. Pixels outside all
+/// cells are 0.
 fn lift(cells: &Mask, range: &RangeImage) -> Mask {
     let map = range.registration();
     let [width, height] = map.picture;
@@ -182,7 +183,7 @@ fn lift(cells: &Mask, range: &RangeImage) -> Mask {
         (0..map.picture[axis])
             .map(|pixel| {
                 let at = map.range_from_picture([pixel as f64; 2])[axis];
-                // The outermost cells extend half a cell beyond their centers.
+                // Cells at the border of the grid extend half a cell beyond their centers.
                 let is_covered = -0.5 <= at && at <= grid[axis] as f64 - 0.5;
                 is_covered.then(|| (at.round() as usize).min(grid[axis] - 1))
             })
@@ -207,7 +208,7 @@ mod tests {
 
     use super::*;
 
-    /// Returns a range image with valid cells where the drawing has `#`.
+    /// Returns a range image whose valid cells are drawn as `#`.
     fn scan(rows: &[&str]) -> RangeImage {
         let valid = Mask::from_rows(rows);
         fn z(&valid: &u8) -> f64 {
@@ -243,7 +244,8 @@ mod tests {
             foreground(Some(&range), None, &ForegroundBy::Valid, false, 0).unwrap().draw()
         }
         assert_eq!(lift_example(2.0, 0.5, [4, 4]), "##..\n##..\n..##\n..##\n");
-        // The last pixel is on the edge of the last cell. The middle pixel is equally close to both cells and belongs to the second.
+        // The last pixel is on the edge of the last cell. The pixel at the center is equally close to both cells and takes the value of the
+        // second.
         assert_eq!(lift_example(2.0, 0.0, [4, 4]), "#...\n.###\n.###\n.###\n");
         // No cell covers the pixels at the border of the picture.
         assert_eq!(lift_example(2.0, 1.5, [6, 4]), "......\n.##...\n.##...\n...##.\n");

@@ -1,4 +1,4 @@
-//! Parts of a range grid: their cells, borders and triangles.
+//! Parts of a range grid: the cells that a part of a picture covers, and the borders and triangles of cells.
 
 pub(super) mod border;
 pub(super) mod contour;

@@ -21,7 +21,7 @@ pub enum Axes {
 }
 
 /// Reads a range grid from a file with the extension `ending`, in mm, x right, y down, z away from the sensor, row 0 on top. `unit` and
-/// `axes` are used if the file does not state them itself; `warn` is called with warnings about data that are left out.
+/// `axes` are used if the file does not state them. `warn` is called with warnings about parts of the file that are ignored.
 ///
 /// Returns an error if the bytes are not a range file, or if a depth map has no camera.
 pub(super) fn read(
@@ -45,21 +45,21 @@ pub(super) fn read(
     Ok(file.normalize(unit.millimeters(), axes)?)
 }
 
-/// The error that a file has a list of points instead of a grid.
+/// The error for a file that has a list of points instead of a grid.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}: use `ReadPoints` instead")]
 struct PointList(Error);
 
-/// Returns true if the error means that no importer here supports the format of the range file.
+/// Returns true if `error` means that no importer of this pack supports the format of the range file.
 pub(super) fn is_unknown(error: &Error) -> bool {
     error.downcast::<range_file::UnknownExtension>().is_some()
 }
 
-/// The error that a camera file is for a picture or grid of another size.
+/// The error for a camera file that is for a picture or grid of another size.
 #[derive(Debug, thiserror::Error)]
 #[error("the camera file is for a {what} of {expected:?}, but the file has {found:?}")]
 pub(super) struct CameraSizeError {
-    /// The picture or the range grid.
+    /// The word for the thing that has the wrong size: picture or range grid.
     what: &'static str,
     /// Width and height in the camera file.
     expected: [usize; 2],
@@ -72,7 +72,7 @@ pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, Error> {
         .map_err(|error| Error::new(format!("the camera file cannot be read: {error}")))
 }
 
-/// Checks that the camera file describes a picture or grid of the size that was read.
+/// Checks that the camera file describes a picture or grid of the size `found`.
 pub(super) fn check_view(
     what: &'static str,
     view: &View,
@@ -88,9 +88,9 @@ pub(super) fn check_view(
 pub(super) struct CameraSource<'a> {
     /// The range file.
     pub(super) range: &'a FilePath,
-    /// The camera file. If empty, `camera.json` beside the range file is used if it exists.
+    /// The camera file. If empty, `camera.json` in the folder of the range file is used if it exists.
     pub(super) camera: &'a FilePath,
-    /// The unit parameter of the range file.
+    /// The node's parameter for the unit of the range file.
     pub(super) unit: Unit,
 }
 
@@ -99,12 +99,12 @@ impl CameraSource<'_> {
         self.range.sibling("camera.json")
     }
 
-    /// Returns the optional files that the node reads.
+    /// Returns the files that the node reads only if they exist.
     pub(super) fn files(&self) -> Vec<FilePath> {
         if self.camera.is_empty() { vec![self.default_camera()] } else { Vec::new() }
     }
 
-    /// Reads the camera, if there is one. Warns if the camera file states another unit than the parameter.
+    /// Reads the camera file, if there is one. Warns if the camera file states another unit than `unit`.
     pub(super) fn read(&self, cx: &Context<'_>) -> Result<Option<CameraFile>, Error> {
         let file = match self.camera.is_empty() {
             true => cx.file_if_any(&self.default_camera()),
@@ -113,7 +113,7 @@ impl CameraSource<'_> {
         let camera = file.map(|file| file.read(read_camera)).transpose()?;
         camera.iter().flat_map(|camera| &camera.notes).for_each(|note| cx.warn(note.clone()));
         let units = camera.as_ref().and_then(|camera| camera.units.as_deref());
-        // A PTX file has its own unit.
+        // No warning for a PTX file, which has its own unit.
         if let Some(units) = units.filter(|units| *units != self.unit.name())
             && cx.file(self.range)?.extension() != "ptx"
         {

@@ -54,7 +54,7 @@ impl Node for ReadCapture {
                 cx.warn(note);
             })
         }) {
-            // The format belongs to another pack, whose importer handles units and axes itself.
+            // The format belongs to another pack, whose importer takes care of units and axes.
             Err(error) if is_unknown(&error) => cx.read(&self.range)?,
             range => range?,
         };
@@ -68,12 +68,12 @@ impl ReadCapture {
     }
 }
 
-/// Reads a picture as stored, and the grid in a range file with the extension `ending`, in mm, x right, y down, z away. If the cameras are
-/// known, they register picture and grid to each other by `K_color K_range^-1`, with `K` the intrinsic matrix of a camera; otherwise the
-/// corners of both are aligned.
+/// Reads a picture as stored, and the grid in a range file with the extension `ending`, in mm, x right, y down, z away from the sensor. If
+/// the cameras are known, picture and grid are registered to each other by `K_color K_range^-1`, with `K` the intrinsic matrix of a camera.
+/// Otherwise the corners of both are aligned.
 ///
 /// # Errors
-/// Returns an error if a file cannot be read, or the cameras are for grids of other sizes.
+/// Returns an error if a file cannot be read, or if a camera is for a picture or grid of another size.
 pub fn read_capture(
     color: &[u8],
     range: &[u8],
@@ -91,7 +91,7 @@ fn read_picture(bytes: &[u8]) -> Result<Image, Error> {
         .map_err(|error| Error::new(format!("the picture cannot be read: {error}")))
 }
 
-/// Registers a picture and a grid that were taken together.
+/// Registers a picture and a grid that were taken together. Without a camera, their corners are aligned.
 fn register(
     image: Image,
     range: RangeImage,

@@ -1,4 +1,4 @@
-//! Reads range grids with their colors.
+//! Reads range grids and the colors of their cells.
 
 use maquette_base::unit::Unit;
 use maquette_format::camera::CameraFile;
@@ -35,7 +35,7 @@ pub struct ReadRange {
     pub scan: Option<u32>,
 }
 
-/// The color of cells in files without colors.
+/// The color of the cells of a file without colors.
 const GRAY: [u8; 3] = [128; 3];
 
 impl Node for ReadRange {
@@ -64,12 +64,13 @@ impl Node for ReadRange {
             })
         };
         match read(camera.as_ref()) {
-            // A camera file that was found automatically may belong to another file in the folder, so a wrong size is not an error.
+            // A camera file that was found automatically may belong to another file in the folder, so a wrong size gives a warning instead
+            // of an error.
             Err(error) if self.camera.is_empty() && is_size(&error) => {
                 cx.warn(format!("the camera file in the same folder is not used: {error}"));
                 read(None)
             }
-            // The format belongs to another pack, whose importer handles units and axes itself.
+            // The format belongs to another pack, whose importer takes care of units and axes.
             Err(error) if is_unknown(&error) => with_colors(cx.read(&self.path)?, camera.as_ref()),
             outputs => outputs,
         }
@@ -86,11 +87,11 @@ fn is_size(error: &Error) -> bool {
     error.downcast::<CameraSizeError>().is_some()
 }
 
-/// Reads the grid in a range file with the extension `ending`, in mm, x right, y down, z away from the sensor, row 0 on top, and a picture
-/// of its colors with a pixel per cell. `unit` and `axes` are used if the file does not state them itself.
+/// Reads the grid in a range file with the extension `ending`, in mm, x right, y down, z away from the sensor, row 0 on top. Also returns a
+/// picture of its colors with one pixel per cell. `unit` and `axes` are used if the file does not state them.
 ///
 /// # Errors
-/// Returns an error if the file cannot be read, or the camera is for a grid of another size.
+/// Returns an error if the file cannot be read, or if the camera is for a grid of another size.
 pub fn read_range(
     bytes: &[u8],
     ending: &str,
@@ -101,7 +102,7 @@ pub fn read_range(
     with_colors(range_file::read(bytes, ending, camera, unit, axes, &|_| ())?, camera)
 }
 
-/// Adds the camera to a grid, and returns it with the picture of its colors.
+/// Adds the camera to a grid. Returns the grid and the picture of its colors.
 fn with_colors(
     mut range: RangeImage,
     camera: Option<&CameraFile>,

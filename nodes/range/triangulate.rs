@@ -1,6 +1,6 @@
 //! Converts range images to meshes.
 //!
-//! There is no `update`: a single moved point changes the median spacing, which affects every triangle.
+//! The node does not implement `update`: a single moved point changes the median spacing, which affects every triangle.
 
 use maquette_node::{Carry, Context, Error, Estimate, In, Node, Promise, Transfer};
 use maquette_value::parallel::*;
@@ -83,19 +83,20 @@ impl Node for Triangulate {
 }
 
 /// Joins neighboring cells of `range` to triangles that are counter-clockwise as seen from the sensor. If the surface was changed and
-/// overhangs, the orientation of most triangles decides.
+/// overhangs, the sensor sees some triangles from the back; then the orientation of the majority decides.
 ///
-/// A triangle is left out if it has no area. Unless it is [`joined`](RangeImage::forced_triangles), it is also left out if an edge is
-/// longer than `jump` times the median distance of valid cells that share a side, or if its normal makes an angle of more than `grazing`
-/// degrees with the line of sight. The angle is measured on either side of the triangle, since a changed surface may overhang.
+/// A triangle is left out if it has no area. It is also left out if an edge is longer than `jump` times the median distance of valid cells
+/// that share a side, or if its normal makes an angle of more than `grazing` degrees with the line of sight. These two rules do not apply
+/// to [forced triangles](RangeImage::forced_triangles). The angle is measured on either side of the triangle, since a changed surface may
+/// overhang.
 ///
 /// The vertices are the cells of the triangles, row by row from the top. If several fans of triangles that share no edge meet in a cell,
-/// the cell becomes one vertex per fan, which makes the mesh manifold. Vertices along borders are smoothed `smooth_border` times, and
-/// single triangles and pairs, which would shrink to a point, are left out. The vertex attributes are `uv`, `filled` (true for a filled
-/// cell), and `color` if the range image has colors.
+/// the cell becomes one vertex per fan, which makes the mesh manifold. Vertices along borders are smoothed `smooth_border` times.
+/// Components of one or two triangles, which smoothing would shrink to a point, are left out. The vertex attributes are `uv`, `filled`
+/// (true for a filled cell), and `color` if the range image has colors.
 ///
 /// # Errors
-/// Returns an error if no cell is valid, or the grid has more cells than a mesh can hold.
+/// Returns an error if no cell has a point, or if the grid has more cells than a mesh can hold.
 pub fn triangulate(
     range: &RangeImage,
     jump: f64,
@@ -111,7 +112,7 @@ pub fn triangulate(
             && (joins.is_on_surface(corners)
                 || forced(triangle.quad as usize) & triangle.half.bit() != 0)
     });
-    // If the columns of a grid run to the left, or its rows run up, all triangles are reversed.
+    // Reverse all triangles if the columns of the grid run to the left or its rows run up.
     let away = triangles
         .par_iter()
         .with_min_len(BLOCK)
@@ -148,7 +149,7 @@ pub fn triangulate(
     with_attributes(mesh, range, &cells, &places)
 }
 
-/// Adds the attributes of the cells to the vertices; `places` has the column and row of each vertex.
+/// Adds the attributes of the cells to the vertices. `places` has the column and row of each vertex.
 fn with_attributes(
     mesh: Mesh,
     range: &RangeImage,
@@ -170,12 +171,12 @@ fn with_attributes(
     Ok(mesh)
 }
 
-/// The number of vertices or faces per parallel task.
+/// The number of vertices or faces that one task processes.
 const BLOCK: usize = 8192;
 
 /// The fans of connected triangles around each cell: a cell becomes one vertex per fan.
 struct Fans {
-    /// For each cell, the bits of those of its eight wedges that triangles fill; see [`GridTriangle::wedges`].
+    /// For each cell, a bit for each of its eight wedges (sectors) that is filled by a triangle; see [`GridTriangle::wedges`].
     wedges: Vec<u8>,
     /// For each cell, the index of its first vertex.
     first: Vec<u32>,
@@ -197,7 +198,7 @@ impl Fans {
         Self { first: first.collect(), wedges }
     }
 
-    /// Returns the cell of each vertex.
+    /// Returns, for each vertex, the cell from which it is made.
     fn vertices(&self) -> Vec<usize> {
         let cells = self.wedges.iter().enumerate();
         cells.flat_map(|(cell, &filled)| (0..fan_count(filled)).map(move |_| cell)).collect()
@@ -209,17 +210,17 @@ impl Fans {
     }
 }
 
-/// Returns the wedges at which a fan begins: filled wedges whose predecessor is not filled.
+/// Returns the wedges (sectors around a cell) at which a fan begins: filled wedges whose predecessor is not filled.
 fn fan_starts(filled: u8) -> u8 {
     filled & !filled.rotate_left(1)
 }
 
-/// Returns the number of fans that the filled wedges form.
+/// Returns the number of fans that the filled wedges around a cell form.
 fn fan_count(filled: u8) -> u32 {
     if filled == u8::MAX { 1 } else { fan_starts(filled).count_ones() }
 }
 
-/// Returns the index of the fan in `filled` that contains a triangle with the wedges `wedge`.
+/// Returns the index of the fan that contains a triangle with the wedges `wedge`. `filled` are the filled wedges around the cell.
 fn fan_of(filled: u8, wedge: u8) -> u32 {
     let starts = fan_starts(filled);
     if starts.count_ones() < 2 {
@@ -227,7 +228,7 @@ fn fan_of(filled: u8, wedge: u8) -> u32 {
     }
     let up_to_wedge = u8::MAX >> (7 - wedge.trailing_zeros());
     match (starts & up_to_wedge).count_ones() {
-        // A fan that wraps around from the last wedge to the first is the last fan.
+        // The last fan may wrap around from the last wedge to the first.
         0 => starts.count_ones() - 1,
         begun => begun - 1,
     }
@@ -242,7 +243,7 @@ mod tests {
 
     const HOLE: Point3<f64> = Point3::new(f64::NAN, f64::NAN, f64::NAN);
 
-    /// Returns a range image with points where the drawing has `#`; cells are 1 mm apart and 500 mm away.
+    /// Returns a range image whose valid cells are drawn as `#`. Cells are 1 mm apart and 500 mm away.
     fn range_from_drawing(rows: &[&str]) -> RangeImage {
         let mask = Mask::from_rows(rows);
         let points = mask
@@ -263,7 +264,7 @@ mod tests {
         triangulate(range, 6.0, 85.0, 0).unwrap()
     }
 
-    /// Returns the number of fans of faces at each vertex: faces around a vertex are in one fan if they share an edge at it.
+    /// Returns the number of fans of faces at each vertex. Faces at a vertex are in one fan if edges at the vertex connect them.
     fn fans_per_vertex(mesh: &Mesh) -> Vec<usize> {
         let mut around = vec![Vec::new(); mesh.positions().len()];
         for face in mesh.faces().as_triangles().unwrap() {
@@ -369,7 +370,7 @@ mod tests {
 
     #[test]
     fn borders_lose_their_steps_and_keep_their_position() {
-        // The mesh has an inclined edge, and the border of the grid.
+        // The mesh has an inclined border, and a border that is the border of the grid.
         let rows: Vec<String> = (0..24)
             .map(|y| (0..30).map(|x| if 5 * x < 40 + 2 * y { '#' } else { '.' }).collect())
             .collect();
@@ -377,7 +378,7 @@ mod tests {
         let range = range_from_drawing(&rows);
         let [steps, smooth] = [0, 20].map(|rounds| triangulate(&range, 6.0, 85.0, rounds).unwrap());
         assert_eq!(steps.faces(), smooth.faces());
-        // Returns the deviation of the inclined edge from a straight line, away from its ends.
+        // Returns the difference between the maximum and minimum distance of the inclined border from a straight line, without its ends.
         fn roughness(mesh: &Mesh) -> f64 {
             let (min, max) = (6..18)
                 .map(|row: usize| {
@@ -426,7 +427,7 @@ mod tests {
             "############",
         ]);
         let steps = triangulate(&range, 6.0, 85.0, 0).unwrap();
-        // The single triangle shrinks faster than the pair.
+        // The single triangle shrinks faster than the component of two triangles.
         for (rounds, specks) in [(1, 0), (6, 1), (20, 3), (100, 3)] {
             let mesh = triangulate(&range, 6.0, 85.0, rounds).unwrap();
             assert_eq!(steps.faces().len() - mesh.faces().len(), specks, "{rounds}");

@@ -1,8 +1,8 @@
-//! Deformation with changing targets: everything that does not depend on the targets is computed once.
+//! Fast deformation for interactive dragging: everything that does not depend on the targets of the handles is computed once.
 //!
-//! A deformation is linear in its targets. The effect that a unit step of one handle has on each point is a field: one number per point,
-//! which depends on the layout of the handles only. A drag adds multiples of fields to the deformation before the drag, without evaluating
-//! any Gaussian.
+//! A deformation is linear in the handles' targets. The effect that a unit step of one handle has on each point is called a field here: one
+//! number per point, which depends only on the positions, deviations and weights of the handles. A drag adds multiples of fields to the
+//! deformation before the drag, without evaluating any Gaussian.
 
 use maquette_mesh::Movable;
 use maquette_node::{Error, Progress};
@@ -21,36 +21,36 @@ use crate::gaussian::layout::{Layout, PreparedHandles};
 use crate::gaussian::system::System;
 use crate::mode::Mode;
 
-/// Number of handles whose fields are stored together: as many as a point has coordinates, so that a group of fields is computed like one
-/// deformation.
+/// Number of handles whose fields (effects on each point) are stored together. A point has three coordinates, so three fields are computed
+/// like one deformation.
 const GROUP_SIZE: usize = 3;
 
-/// An object and its handles, some of which are dragged.
+/// An object and its handles, some of which the user drags.
 pub struct Drag {
     object: Movable,
     prepared: PreparedHandles,
     system: System,
-    /// The dragged handles of the layout, without repetition.
+    /// The indices in the layout of the dragged handles, without duplicates.
     dragged: Vec<usize>,
-    /// The deformed points at the targets before the drag; `None` if no handle is moved.
+    /// The deformed points for the targets before the drag; `None` if all handles are at rest.
     rest: Option<FieldValues>,
-    /// The fields of the dragged handles, in groups of three.
+    /// The fields of the dragged handles (effects of unit steps on each point), in groups of three.
     groups: Vec<FieldValues>,
 }
 
-/// The inputs from which the fields of a group are computed; they serve as cache key.
+/// The inputs from which the fields of a group of handles are computed. They serve as cache key.
 #[derive(Clone)]
 pub(crate) struct FieldInputs {
     points: Column<Point3<f64>>,
     prepared: PreparedHandles,
-    /// The handles of a group; `None` for the deformation before the drag.
+    /// The handles of the group; `None` for the deformation before the drag.
     group: Option<[Option<usize>; GROUP_SIZE]>,
     derivatives: bool,
     /// The maximum error of a point in mm.
     error: f64,
 }
 
-/// Three numbers per point, and their derivatives if requested.
+/// Three numbers for each point, and their derivatives if requested.
 #[derive(Clone)]
 pub(crate) struct FieldValues {
     values: Column<Point3<f64>>,
@@ -58,7 +58,7 @@ pub(crate) struct FieldValues {
 }
 
 impl Drag {
-    /// Prepares an object for dragging the handles with the numbers `dragged`, counted from 0; see [`ffd`](crate::ffd()).
+    /// Prepares an object for dragging the handles with the indices `dragged`, counted from 0; see [`ffd`](crate::ffd()).
     ///
     /// # Errors
     /// Returns the errors of [`ffd`](crate::ffd()), and an error if a handle does not exist.
@@ -72,7 +72,8 @@ impl Drag {
         Self::with_memo(object, handles, dragged, mode, options, System::new, FieldInputs::make)
     }
 
-    /// Like [`Drag::new`], but computes the linear system with `system` and the fields with `keep`; both functions may cache their results.
+    /// Like [`Drag::new`], but computes the linear system with `system` and the fields with `keep`; both functions may return cached
+    /// results.
     pub(crate) fn with_memo(
         object: &Movable,
         handles: &Handles,
@@ -111,8 +112,8 @@ impl Drag {
         Ok(Self { object: object.clone(), system, dragged: indices, rest, groups, prepared })
     }
 
-    /// Returns the object deformed with new targets (handle number, position in mm) for some handles. If a handle has two targets, the
-    /// later one counts; handles that are not dragged keep their targets.
+    /// Returns the object deformed with new targets (handle index, position in mm). If `targets` has two entries for a handle, the later
+    /// one counts. Handles that are not dragged keep their targets.
     ///
     /// # Errors
     /// Returns an error if a handle does not exist, a position becomes infinite, or the evaluation is cancelled.
@@ -151,7 +152,7 @@ impl Drag {
         Ok((rebuild(&self.object, field)?, report))
     }
 
-    /// Adds the steps of the dragged handles, group by group, to the positions before the drag.
+    /// Adds the displacements that the steps of the dragged handles cause, group by group, to the positions before the drag.
     fn add(
         &self,
         steps: &[Matrix3<f64>],
@@ -183,7 +184,7 @@ impl Drag {
 }
 
 impl PreparedHandles {
-    /// Replaces the targets of those handles for which `may_change` is true.
+    /// Replaces the targets of those handles for whose layout index `may_change` is true.
     pub(crate) fn with_targets(
         mut self,
         targets: &[(usize, Point3<f64>)],
@@ -198,7 +199,7 @@ impl PreparedHandles {
         Ok(self)
     }
 
-    /// Returns the index of a handle in the layout.
+    /// Returns the index in the layout of a handle, given by its original index.
     fn layout_index(&self, handle: usize) -> Result<usize, Error> {
         let handles = self.layout_indices.len();
         self.layout_indices.get(handle).copied().ok_or_else(|| missing_handle(handle, handles))
@@ -212,7 +213,7 @@ pub(crate) fn missing_handle(handle: usize, handles: usize) -> Error {
     ))
 }
 
-/// Computes the fields of a group, for the cache.
+/// Computes the fields of a group of handles, as the cache expects it.
 pub(crate) fn memo(inputs: &FieldInputs) -> Result<FieldValues, Error> {
     inputs.make()
 }
@@ -225,7 +226,7 @@ impl FieldInputs {
             Some(group) => unit_steps(&self.prepared.layout, &system, group),
         };
         let request = FieldRequest { jacobians: self.derivatives, ..FieldRequest::default() };
-        // The errors of a field are multiplied by the step of its handle: therefore only the deformation before the drag may be inaccurate.
+        // The errors of a field are multiplied by the step of its handle, so only the deformation before the drag may be inaccurate.
         let error = if self.group.is_some() { 0.0 } else { self.error };
         let field =
             deformed_field(&deformation, &self.points, request, error, &Progress::silent())?;
@@ -233,7 +234,7 @@ impl FieldInputs {
     }
 }
 
-/// Returns the deformation whose three coordinates are the effects of unit steps of the group's three handles.
+/// Returns a deformation in which each coordinate is the effect of a unit step of one of the group's three handles.
 fn unit_steps(
     layout: &Layout,
     system: &System,
@@ -250,7 +251,7 @@ fn unit_steps(
     Deformation::new(layout.gaussians(), values, base)
 }
 
-/// The cache key of the fields.
+/// The inputs are the cache key of the fields.
 impl Memo for FieldInputs {
     const NAME: &'static str = "DragPart";
 
@@ -262,7 +263,7 @@ impl Memo for FieldInputs {
                 to.plain(&1_u8);
                 to.counts(&group.map(|index| index.map_or(0, |index| index + 1)));
             }
-            // Of all fields, only the deformation before the drag depends on the targets.
+            // Only the deformation before the drag depends on the targets; the fields of handles do not.
             None => {
                 to.plain(&0_u8);
                 for target in &self.prepared.targets {
@@ -278,7 +279,7 @@ impl Memo for FieldInputs {
     }
 }
 
-/// Cached for the next drag of the same handles.
+/// The fields are cached for the next drag of the same handles.
 impl Memo for FieldValues {
     const NAME: &'static str = "DragFields";
 

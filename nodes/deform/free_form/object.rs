@@ -1,4 +1,4 @@
-//! Conversion of deformable objects to points and back.
+//! Converts deformable objects (meshes, range images, points, curves, control nets) to points and back.
 
 use maquette_mesh::Movable;
 use maquette_node::{Error, bail};
@@ -21,7 +21,7 @@ pub(crate) fn points(object: &Movable) -> &[Point3<f64>] {
     }
 }
 
-/// Returns the bounding box of an object; `None` without points.
+/// Returns the bounding box of an object; `None` if it has no points.
 pub(crate) fn bounds(object: &Movable) -> Option<Bounds> {
     bounds_of(points(object))
 }
@@ -29,13 +29,13 @@ pub(crate) fn bounds(object: &Movable) -> Option<Bounds> {
 /// The number of points that one task processes.
 const CHUNK_SIZE: usize = 32768;
 
-/// Returns the bounding box of the valid points.
+/// Returns the bounding box of those points that are not NaN; `None` if there are none.
 pub(crate) fn bounds_of(points: &[Point3<f64>]) -> Option<Bounds> {
     let chunks: Vec<Extent> = points.par_chunks(CHUNK_SIZE).map(extent).collect();
     merge_extents(&chunks)
 }
 
-/// The minimum and maximum coordinates of some points; infinite without points.
+/// The minimum and maximum coordinates of some points; inverted infinities if there are no points.
 pub(crate) type Extent = [[f64; 3]; 2];
 
 pub(crate) fn extent(points: &[Point3<f64>]) -> Extent {
@@ -44,14 +44,14 @@ pub(crate) fn extent(points: &[Point3<f64>]) -> Extent {
     found
 }
 
-/// Returns the bounding box of several extents.
+/// Returns the bounding box of several extents; `None` if they contain no points.
 pub(crate) fn merge_extents(ends: &[Extent]) -> Option<Bounds> {
     let ends = ends.iter().map(|ends| ends.map(Vector3::from));
     let [low, high] = ends.reduce(|a, b| [a[0].inf(&b[0]), a[1].sup(&b[1])])?;
     (low.x <= high.x).then(|| (low.into(), high.into()))
 }
 
-/// A kernel that computes the minimum and maximum coordinates of points, ignoring NaN.
+/// A kernel that computes the minimum and maximum coordinates of points. It ignores NaN.
 struct Span<'a> {
     points: &'a [Point3<f64>],
     found: &'a mut Extent,
@@ -63,7 +63,7 @@ impl Kernel for Span<'_> {
         const LANES: usize = 8;
         let [mut low, mut high] = self.found.map(|found| [found; LANES]);
         let (blocks, rest) = self.points.as_chunks::<LANES>();
-        // Blocks of a constant length let the compiler keep the extrema in registers.
+        // With blocks of a constant length, the compiler keeps the extrema in registers.
         for points in blocks {
             for ((low, high), point) in low.iter_mut().zip(&mut high).zip(points) {
                 extend(low, high, point);
@@ -87,8 +87,8 @@ fn extend(low: &mut [f64; 3], high: &mut [f64; 3], point: &Point3<f64>) {
     }
 }
 
-/// Returns the results that are requested for an object in addition to its positions. Points without normals enclose no inside, and cannot
-/// be folded over.
+/// Returns the results to request for an object in addition to positions. Folds are not requested for points without normals: these have no
+/// inside and outside that could be exchanged.
 pub(crate) fn field_request(object: &Movable) -> FieldRequest<'_> {
     let request = FieldRequest { folds: true, ..FieldRequest::default() };
     match object {
@@ -105,7 +105,7 @@ pub(crate) fn field_request(object: &Movable) -> FieldRequest<'_> {
     }
 }
 
-/// Returns the object with its points moved.
+/// Returns the object with its points replaced by those of `field`.
 pub(crate) fn rebuild(object: &Movable, field: Field) -> Result<Movable, Error> {
     let field = match object {
         Movable::Mesh(_) => field,

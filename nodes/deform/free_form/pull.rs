@@ -49,12 +49,12 @@ pub struct DeformOptions {
 /// The handles are in mm or relative to the box `options.frame`; `mode` is the quantity that they blend. Positions are in the unit of the
 /// object, mm. With `options.accuracy` above 0, the error of a point is less than `accuracy` times the box's diagonal.
 ///
-/// The absolute form is that of Yoshida, Kanou and Kitajima, free-form deformation by rational Gaussian functions (equations 4 to 7); the
-/// other forms are as for radial basis functions.
+/// The absolute form is that of Yoshida, Kanou and Kitajima, free-form deformation by rational Gaussian functions (equations 4 to 7). The
+/// other forms solve for coefficients as usual with radial basis functions.
 ///
 /// # Errors
-/// Returns an error if handles conflict, are too close together to be solved for, or too many; if a parameter is not valid; if a position
-/// becomes infinite; or if the evaluation is cancelled.
+/// Returns an error if handles conflict, are so close together that the equations cannot be solved, or are too many; if a parameter is not
+/// valid; if a position becomes infinite; or if the evaluation is cancelled.
 pub fn ffd(
     object: &Movable,
     handles: &Handles,
@@ -71,7 +71,7 @@ pub fn ffd(
 }
 
 impl DeformOptions {
-    /// Returns true if the effect of the handles is limited: points beyond their reach stay exactly unchanged.
+    /// Returns true if the effect of the handles is limited: points beyond their reach keep their exact positions.
     pub(crate) fn is_limited(&self) -> bool {
         self.background > 0.0 && self.accuracy > 0.0
     }
@@ -91,7 +91,7 @@ pub(crate) fn prepare_handles(
 }
 
 /// Deforms an object with a linear system computed by `system`. If the effect of the handles [is limited](DeformOptions::is_limited),
-/// `boxes` are the bounding boxes of the rows of points.
+/// `boxes` has the bounding boxes of the rows of points; otherwise it is `None`.
 pub(crate) fn deform_prepared(
     object: &Movable,
     prepared: &PreparedHandles,
@@ -134,7 +134,8 @@ pub(crate) fn make_report(
 }
 
 impl PreparedHandles {
-    /// Returns true if all handles are at rest and no point moves.
+    /// Returns true if all handles are at rest, so that no point moves. In the absolute form handles at rest move points, so the result is
+    /// false unless there are no handles.
     pub(crate) fn is_at_rest(&self) -> bool {
         let moves = self.layout.mode == Mode::Absolute || self.layout.positions != self.targets;
         self.targets.is_empty() || !moves
@@ -145,8 +146,8 @@ impl PreparedHandles {
 pub(crate) fn deformation(prepared: &PreparedHandles, system: &System) -> Deformation {
     let PreparedHandles { layout, targets: to, .. } = prepared;
     let gaussians = layout.gaussians();
-    // In the absolute form the initial coefficients are the handles' positions, which act with these weights; in the other forms the
-    // initial coefficients are 0.
+    // In the absolute form the initial coefficients are the positions of the handles, which are multiplied by these weights. In the other
+    // forms the initial coefficients are 0.
     let weights = (layout.mode == Mode::Absolute)
         .then(|| layout.positions.iter().map(|&at| gaussians.weights(at)).collect::<Vec<_>>());
     let solutions = [0, 1, 2].map(|axis: usize| {
@@ -177,7 +178,7 @@ pub(crate) fn deformation(prepared: &PreparedHandles, system: &System) -> Deform
 }
 
 impl Layout {
-    /// Returns the initial coefficient of a handle along an axis, to which the solution of the system is added.
+    /// Returns the initial coefficient of a handle along an axis. The solution of the linear system is added to it.
     fn initial_coefficient(&self, index: usize, axis: usize) -> f64 {
         match self.mode {
             Mode::Absolute => self.positions[index][axis],
@@ -186,14 +187,14 @@ impl Layout {
     }
 }
 
-/// Returns the maximum distance of a handle from its target, in mm.
+/// Returns the maximum distance between the deformed position of a handle and its target, in mm.
 pub(crate) fn residual(prepared: &PreparedHandles, deformation: &Deformation) -> f64 {
     let mut moved = vec![Point3::origin(); prepared.targets.len()];
     deformation.apply(&deformation.terms, &prepared.layout.positions, &mut moved, None);
     moved.iter().zip(&prepared.targets).map(|(moved, to)| (moved - to).norm()).fold(0.0, f64::max)
 }
 
-/// Evaluates a deformation at points with an error of less than `error` mm.
+/// Evaluates a deformation at points. The error of each position is less than `error` mm; 0 means exact.
 pub(crate) fn deformed_field(
     deformation: &Deformation,
     points: &[Point3<f64>],
@@ -215,7 +216,7 @@ pub(crate) fn deformed_field(
     )
 }
 
-/// Evaluates a deformation at the points in the given rows; all other points stay.
+/// Evaluates a deformation at the points in the given rows. All other points keep their positions.
 fn reached_field(
     deformation: &Deformation,
     points: &[Point3<f64>],
@@ -236,7 +237,7 @@ fn reached_field(
     Ok(Field { rows: Some(rows), min_determinant, ..field })
 }
 
-/// Returns cells that ignore Gaussians with an effect of less than `error` mm; `None` if all Gaussians are used.
+/// Returns cells of space that ignore Gaussians whose effect in the cell is less than `error` mm; `None` if all Gaussians are used.
 fn relevant_cells(deformation: &Deformation, points: &[Point3<f64>], error: f64) -> Option<Cells> {
     if error <= 0.0 {
         return None;
@@ -244,7 +245,8 @@ fn relevant_cells(deformation: &Deformation, points: &[Point3<f64>], error: f64)
     let bounds = super::object::bounds_of(points)?;
     let values: Vec<Vector3<f64>> =
         deformation.terms.iter().map(|term| term.value.into()).collect();
-    // Without a background the weights sum up to 1, so a value common to all coefficients does not depend on which terms are ignored.
+    // Without a background the weights sum up to 1, so a value common to all coefficients does not depend on the ignored terms. Subtract
+    // it.
     let common = if deformation.background > 0.0 {
         Vector3::zeros()
     } else {
@@ -255,7 +257,7 @@ fn relevant_cells(deformation: &Deformation, points: &[Point3<f64>], error: f64)
     (fraction > 0.0).then(|| Cells::new(deformation, bounds, points.len(), fraction.min(0.5)))
 }
 
-/// Returns the points of an object as a column that is suitable as part of a cache key.
+/// Returns the points of an object as a column, which can be hashed for a cache key.
 pub(crate) fn column(object: &Movable) -> Column<Point3<f64>> {
     match object {
         Movable::Mesh(mesh) => mesh.positions().clone(),

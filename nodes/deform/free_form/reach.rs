@@ -1,7 +1,7 @@
-//! Finds the points that a deformation with limited effect moves. All other points stay exactly unchanged and cost nothing.
+//! Finds the points that a deformation with limited effect moves. All other points keep their exact positions and are not computed.
 //!
-//! The boxes are cached, so that moving a handle costs only the rows of points near it. `Node::update` is not used, because the unmoved
-//! points are those of the input, not of the previous result.
+//! The bounding boxes of the points are cached, so that moving a handle costs only the rows of points near it. `Node::update` is not used:
+//! unmoved points must be those of the input, not those of the previous result.
 
 use std::ops::Range;
 
@@ -15,10 +15,10 @@ use super::object::{Extent, extent, merge_extents};
 use crate::gaussian::deformation::{Deformation, Term};
 use crate::gaussian::layout::Bounds;
 
-/// Number of points in a row, which are tested together. Points that are adjacent in a list are mostly near each other in space.
+/// Number of points in a row, which share one bounding box. Points that are adjacent in a list are mostly near each other in space.
 const ROW_SIZE: usize = 512;
 
-/// The bounding boxes of all rows; a row is [`ROW_SIZE`] consecutive points.
+/// The bounding boxes of the rows of a list of points. A row is [`ROW_SIZE`] consecutive points.
 #[derive(Clone)]
 pub(crate) struct Boxes {
     boxes: Column<Extent>,
@@ -31,20 +31,20 @@ impl Boxes {
         Self { boxes: boxes.into(), points: points.len() }
     }
 
-    /// Computes the boxes of the points, for the cache.
+    /// Computes the boxes of the rows of points, as the cache expects it.
     pub(crate) fn memo(places: &MemoPoints) -> Result<Self, Error> {
         Ok(Self::new(&places.0))
     }
 
-    /// Returns the box around all points; `None` without points.
+    /// Returns the bounding box of all points; `None` if there are no points.
     pub(crate) fn bounds(&self) -> Option<Bounds> {
         merge_extents(&self.boxes)
     }
 
-    /// Returns the rows of points that may move by more than `error` mm; adjacent rows are merged.
+    /// Returns the rows of points that may move by more than `error` mm. Adjacent rows are merged.
     pub(crate) fn reached_rows(&self, deformation: &Deformation, error: f64) -> Vec<Range<u32>> {
         let mut rows: Vec<Range<u32>> = Vec::new();
-        // Rows that contain NaN are not skipped, so that the computation reports the NaN as an error.
+        // Keep rows that contain NaN, so that the computation reports the NaN as an error.
         let stays: Vec<bool> = self
             .boxes
             .par_iter()
@@ -63,7 +63,7 @@ impl Boxes {
     }
 }
 
-/// Returns an upper bound of the displacements inside a box: the sum of the maxima of all terms, divided by the background.
+/// Returns an upper bound of the displacements inside a box: the sum of the maxima of all terms in the box, divided by the background.
 fn max_displacement(deformation: &Deformation, [low, high]: &Extent) -> f64 {
     deformation
         .terms
@@ -76,7 +76,7 @@ fn max_displacement(deformation: &Deformation, [low, high]: &Extent) -> f64 {
         / deformation.background
 }
 
-/// Returns the items of the given rows, one row after the other.
+/// Returns the items in the given rows, one row after the other.
 pub(crate) fn gather_rows<T: Copy>(items: &[T], rows: &[Range<u32>]) -> Vec<T> {
     let mut gathered = Vec::with_capacity(rows.iter().map(ExactSizeIterator::len).sum());
     for row in rows {
@@ -85,7 +85,7 @@ pub(crate) fn gather_rows<T: Copy>(items: &[T], rows: &[Range<u32>]) -> Vec<T> {
     gathered
 }
 
-/// Points as input of their boxes; the hash of the points is the cache key.
+/// The points from which [`Boxes`] are computed; their hash is the cache key.
 #[derive(Clone)]
 pub(crate) struct MemoPoints(pub(crate) Column<Point3<f64>>);
 

@@ -1,4 +1,4 @@
-//! Quality measures of a deformation.
+//! Quality measures of a deformation, and the warnings that follow from them.
 
 use maquette_mesh::Movable;
 use maquette_node::Context;
@@ -9,13 +9,14 @@ use crate::gaussian::layout::Bounds;
 /// Quality measures of a deformation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
-    /// The condition number of the linear system, estimated in the 1-norm.
+    /// The condition number of the linear system for the handles' coefficients, estimated in the 1-norm.
     pub condition: f64,
-    /// The maximum distance of a handle from its target, in mm.
+    /// The maximum distance between the deformed position of a handle and its target, in mm.
     pub residual: f64,
-    /// Handles with equal positions and equal targets, which count as one handle. Each pair lists the later handle, then the earlier one.
+    /// Pairs of handles with equal positions and equal targets, which count as one handle. Each pair lists the later handle, then the
+    /// earlier one.
     pub merged: Vec<[usize; 2]>,
-    /// The number of points at which space is folded over.
+    /// The number of points at which space is folded over: the determinant of the derivatives is not greater than 0.
     pub folded: usize,
     /// The minimum over all points of the determinant of the derivatives; infinite if the derivatives were not computed.
     pub min_determinant: f64,
@@ -50,7 +51,7 @@ impl Report {
     }
 }
 
-/// Maximum distance between a handle and its target, in diagonals of the box, that causes no warning.
+/// Maximum distance between the deformed position of a handle and its target that causes no warning, in diagonals of the bounding box.
 const MAX_RESIDUAL: f64 = 1e-9;
 
 impl Report {

@@ -1,8 +1,8 @@
-//! Divides space into cells and finds the Gaussians that are relevant in each. All other Gaussians are ignored with a bounded error.
+//! Divides space into cells and finds the Gaussians that are relevant in each cell. The others are ignored with a bounded error.
 //!
-//! In each cell, the Gaussian with the maximum value at the center is compared with every other one. The difference of their exponents is a
-//! sum of parabolas, one per axis, and its maximum over the cell is computed exactly. Therefore the test is also valid for points far from
-//! all handles, where only the ratio of two vanishing powers counts.
+//! In each cell, the Gaussian with the maximum value at the center is compared with each of the others. The difference of their exponents
+//! is a sum of parabolas, one per axis, and its maximum over the cell is computed exactly. So the test is valid even far from all handles,
+//! where both powers vanish and only their ratio matters.
 
 use maquette_value::parallel::*;
 use maquette_value::simd::{Kernel, MAX_ROUGH_ERROR, widest};
@@ -11,34 +11,36 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::deformation::{Deformation, EMPTY_BUFFER, Term};
 use super::layout::Bounds;
 
-/// Cells of space, and the terms that are relevant in each cell.
+/// Cells of space, and the terms (Gaussians) that are relevant in each cell.
 pub(crate) struct Cells {
     low: Point3<f64>,
     /// The number of cells per mm.
     pitch: Vector3<f64>,
     counts: [usize; 3],
-    /// The indices of the relevant terms: the list of the first cell, then that of the second, and so on.
+    /// The indices of the relevant terms: the list of the first cell, then that of the second, and so on. `starts` has the start of each
+    /// list.
     lists: Vec<u16>,
     starts: Vec<u32>,
-    /// True if powers of 2 may be approximated.
+    /// True if powers of 2 may be computed approximately.
     is_rough: bool,
 }
 
-/// Powers are approximated if their error is at most this fraction of the allowed error.
+/// Powers of 2 are approximated if this causes at most this fraction of the allowed error.
 const MAX_ROUGH_RATIO: f64 = 0.05;
 
-/// The mean number of points per cell. With fewer, the lists of terms are shorter, but take longer to prepare.
+/// The mean number of points per cell. With fewer points, the lists of terms are shorter, but take longer to prepare.
 const POINTS_PER_CELL: usize = 256;
 
-/// Maximum number of cells. With more, a chunk has so few points per cell that SIMD lanes are unused.
+/// Maximum number of cells. With more cells, a chunk of points has so few points per cell that SIMD lanes are unused.
 const MAX_CELLS: f64 = 512.0;
 
-/// The mean number of points per cell in a chunk: several times the number of lanes, but few enough for the chunk to stay in the cache.
+/// The mean number of a chunk's points in each cell: several times the number of SIMD lanes, but few enough for the chunk to fit in the
+/// cache.
 const POINTS_PER_CHUNK_AND_CELL: usize = 32;
 
 impl Cells {
-    /// Creates cells in `bounds` for about `points` points. At each point, the ignored part of the sums is less than the fraction
-    /// `fraction`.
+    /// Creates cells in `bounds` for about `points` points. At each point, the sum of the ignored weights is less than `fraction` of the
+    /// sum of all weights.
     pub(crate) fn new(
         deformation: &Deformation,
         bounds: Bounds,
@@ -84,12 +86,12 @@ impl Cells {
         }
     }
 
-    /// Returns the number of points to pass to [`Cells::apply`] at once; with it, each cell gets enough points.
+    /// Returns the number of points to pass to [`Cells::apply`] at once, so that each cell contains enough of them.
     pub(crate) fn chunk(&self) -> usize {
         POINTS_PER_CHUNK_AND_CELL * (self.starts.len() - 1)
     }
 
-    /// Like [`Deformation::apply`], but uses only the relevant terms of each point's cell.
+    /// Like [`Deformation::apply`], but uses for each point only the terms that are relevant in its cell.
     pub(crate) fn apply(
         &self,
         deformation: &Deformation,
@@ -129,7 +131,7 @@ impl Cells {
         }
     }
 
-    /// Returns the points' indices sorted by cell, and the end of each cell's range.
+    /// Returns the indices of the points sorted by cell, and the end of each cell's range in this list.
     fn sort_by_cell(&self, points: &[Point3<f64>]) -> (Vec<u32>, Vec<u32>) {
         let mut cells = vec![0; points.len()];
         widest(CellNumbers { cells: self, points, numbers: &mut cells });
@@ -149,14 +151,14 @@ impl Cells {
     }
 }
 
-/// A kernel that computes the cell of each point; a point outside all cells gets the nearest one.
+/// A kernel that computes the index of each point's cell; for a point outside all cells, that of the nearest cell.
 struct CellNumbers<'a> {
     cells: &'a Cells,
     points: &'a [Point3<f64>],
     numbers: &'a mut [u32],
 }
 
-/// Added to a smaller nonnegative number, this constant leaves the nearest integer in the lowest bits of the sum.
+/// Adding this constant to a smaller nonnegative number leaves the nearest integer in the lowest bits of the sum.
 const ROUND: f64 = (1_u64 << 52) as f64;
 
 impl Kernel for CellNumbers<'_> {
@@ -166,7 +168,7 @@ impl Kernel for CellNumbers<'_> {
         let last = counts.map(|count| (count - 1) as f64);
         let [row, layer] = [counts[0] as f64, (counts[0] * counts[1]) as f64];
         for (number, point) in numbers.iter_mut().zip(points) {
-            // Subtracting 0.5 and rounding gives the cell; a point on the boundary of two cells may get either.
+            // Subtracting 0.5 and rounding gives the cell's index. A point on the boundary of two cells may get either.
             let [x, y, z] = [0, 1, 2].map(|axis: usize| {
                 let position = (point[axis] - low[axis]) * pitch[axis] - 0.5;
                 (position.max(0.0).min(last[axis]) + ROUND) - ROUND
@@ -189,7 +191,7 @@ fn relevant_terms(
     let Some((_, greatest)) = greatest.reduce(|a, b| if b.0 > a.0 { b } else { a }) else {
         return Vec::new();
     };
-    // Each term, with the logarithm of its maximum ratio to the greatest term.
+    // Each term's index, and the logarithm of the maximum in the box of its ratio to the greatest term.
     let mut terms: Vec<_> = (0..)
         .zip(terms.iter().map(|term| {
             let [x, y, z] =
@@ -202,14 +204,14 @@ fn relevant_terms(
         *sum += libm::exp2(*ratio);
         Some(*sum)
     });
-    // A term that gives NaN is always relevant.
+    // The comparison is false for NaN, so a term that gives NaN is always relevant.
     let out = sums.take_while(|sum| *sum < fraction).count();
     let mut kept: Vec<u16> = terms[out..].iter().map(|(index, _)| *index).collect();
     kept.sort_unstable();
     kept
 }
 
-/// Returns the maximum, between two coordinates on an axis, of the difference between the exponents of two terms along this axis.
+/// Returns the maximum of the difference between the exponents of two terms along an axis, for coordinates from `low` to `high`.
 fn max_on_axis(a: &Term, b: &Term, axis: usize, low: f64, high: f64) -> f64 {
     fn factor_and_center(term: &Term, axis: usize) -> (f64, f64) {
         (term.bump.factor[axis], term.bump.center[axis])

@@ -6,8 +6,8 @@
 //! ```
 //!
 //! `V_i` is the coefficient of Gaussian i, `w_i` its weight, `b` the background, `P` the base map and `J` the matrix of derivatives of x'.
-//! The weights of [`Gaussians`] are not computed one by one: the sum S is divided once by W. At a point so far away that W vanishes, the
-//! sums are computed again with the greatest exponent subtracted from all exponents.
+//! The weights of [`Gaussians`] are not normalized one by one: the sum S is divided once by W. At a point so far away that W underflows,
+//! the sums are computed again with the greatest exponent subtracted from all exponents.
 
 use std::f64::consts::LN_2;
 use std::marker::PhantomData;
@@ -31,12 +31,12 @@ pub(crate) struct Term {
 #[derive(Clone, Debug)]
 pub(crate) struct Deformation {
     pub(crate) terms: Vec<Term>,
-    /// The background `b`, in units of the greatest weight.
+    /// The weight `b` of the background, in units of the greatest weight.
     pub(crate) background: f64,
     pub(crate) base: Base,
 }
 
-/// The part `P` of a deformation that does not depend on Gaussians: `keep` times the point plus an affine map.
+/// The map `P`, which does not depend on Gaussians: `keep` times the point, plus an affine map.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Base {
     pub(crate) keep: f64,
@@ -71,7 +71,7 @@ impl Base {
     }
 }
 
-/// Below this sum of powers, some terms may have underflowed, since the minimum power is 2^-1022; the sum is computed again.
+/// Minimum reliable sum of powers. Below it, some terms may have underflowed (the minimum power is 2^-1022), and the sum is computed again.
 const MIN_TOTAL: f64 = 1e-150;
 
 /// The number of points that are computed together: enough for independent operations, and few enough to stay in registers.
@@ -86,7 +86,7 @@ impl Deformation {
 
     /// Computes the new positions of `points`, and the derivatives of the new coordinates (rows) with respect to the old ones.
     ///
-    /// `terms` are all terms, or the terms that are relevant near these points.
+    /// `terms` are the terms to use: all of them, or those that are relevant near these points.
     ///
     /// # Panics
     /// Panics if the slices have different lengths.
@@ -112,8 +112,8 @@ impl Deformation {
 }
 
 impl Deformation {
-    /// Computes the new positions of those `points` whose indices are `members`, and writes them into `moved`. If `is_rough`, each power
-    /// has a relative error of up to [`simd::MAX_ROUGH_ERROR`].
+    /// Computes the new positions of those `points` whose indices are `members`, and writes them into `moved` at the same indices. If
+    /// `is_rough`, each power has a relative error of up to [`simd::MAX_ROUGH_ERROR`].
     pub(crate) fn apply_to(
         &self,
         terms: &[Term],
@@ -153,7 +153,7 @@ impl Power for AnyPower {
     }
 }
 
-/// The method for exponents for which [`all_are_normal`] is true.
+/// Computes powers of 2 faster than [`AnyPower`]. Valid only if [`all_are_normal`] is true.
 struct NormalPower;
 
 impl Power for NormalPower {
@@ -172,10 +172,10 @@ impl Power for RoughPower {
     }
 }
 
-/// A method of computing the exponent of a term. A Gaussian that is equally wide along all axes needs fewer operations, and a list of only
-/// such Gaussians needs no branch.
+/// A method of computing the exponent of a term. [`RoundShape`], for Gaussians with the same width along all axes, needs fewer operations,
+/// and a list of only such Gaussians needs no branch.
 trait Shape {
-    /// Returns the exponent of 2 at a point, given by its offset from the center.
+    /// Returns the exponent of 2 at a point, given by its offset from the center of the Gaussian.
     fn exponent<F: MulAdd>(bump: &Bump, offset: [f64; 3]) -> f64;
 }
 
@@ -209,7 +209,7 @@ impl Shape for MixedShape {
     }
 }
 
-/// A computation over terms, generic in the methods [`Power`] and [`Shape`].
+/// A computation over terms, generic in [`Power`] and [`Shape`].
 trait Work {
     fn terms(&self) -> &[Term];
     fn run<P: Power, S: Shape, F: MulAdd>(self);
@@ -236,7 +236,7 @@ fn run<P: Power>(work: impl Work) {
 }
 
 /// Returns true if every power of a term at the points is a normal floating-point number. Returns false without a test if there are few
-/// points.
+/// points, because the test would not pay.
 fn all_are_normal(terms: &[Term], points: &[Point3<f64>]) -> bool {
     if points.len() < 512 {
         return false;
@@ -257,11 +257,11 @@ fn all_are_normal(terms: &[Term], points: &[Point3<f64>]) -> bool {
         });
         level + x + y + z
     }
-    // The margin of 1 covers sums that the kernel rounds in another order.
+    // The margin of 1 is for sums that the kernel computes in another order.
     terms.iter().all(|term| min_exponent(term, low, high) > simd::MIN_EXPONENT + 1.0)
 }
 
-/// A computation of new positions: the deformation, the terms, the points, and the results.
+/// Computes new positions. The fields are the deformation, the terms to use, the points, and the results.
 struct Positions<'a>(&'a Deformation, &'a [Term], &'a [Point3<f64>], &'a mut [Point3<f64>]);
 
 impl Work for Positions<'_> {
@@ -281,13 +281,13 @@ impl Work for Positions<'_> {
     }
 }
 
-/// A buffer of point coordinates, gathered before any point is computed, so that the memory accesses overlap.
+/// A buffer of point coordinates. It is filled before any point is computed, so that the memory accesses overlap.
 pub(crate) type PointBuffer = [[Lanes<LANES>; 3]; 8];
 
 /// A buffer whose coordinates are all 0.
 pub(crate) const EMPTY_BUFFER: PointBuffer = [[Lanes::ZERO; 3]; 8];
 
-/// A computation of the new positions of some members of a list of points.
+/// Computes the new positions of those points whose indices are `members`.
 struct ScatteredPoints<'a> {
     deformation: &'a Deformation,
     terms: &'a [Term],
@@ -307,7 +307,7 @@ impl Work for ScatteredPoints<'_> {
         let Self { deformation, terms, members, points, moved, buffer } = self;
         for members in members.chunks(buffer.len() * LANES) {
             let last = members[members.len() - 1];
-            // Unused lanes repeat the last point.
+            // Fill unused lanes with the last point.
             for k in 0..members.len().next_multiple_of(LANES) {
                 let point = points[*members.get(k).unwrap_or(&last) as usize];
                 (0..3).for_each(|axis| buffer[k / LANES][axis].0[k % LANES] = point[axis]);
@@ -350,7 +350,7 @@ impl Work for Jacobians<'_> {
                 let inverse = 1.0 / sums.total.0[lane];
                 let mean = sums.value(lane) * inverse;
                 *moved = (deformation.base.map(point.coords) + mean).into();
-                // The gradients of `ln G` are `2 ln 2` times the slopes; a slope is half the derivative of an exponent of 2.
+                // The gradients of `ln G` are `2 ln 2` times the slopes, since a slope is half the derivative of an exponent of 2.
                 let slope = sums.slope(lane) * (2.0 * LN_2 * inverse);
                 let product = sums.product(lane) * (2.0 * LN_2 * inverse);
                 *jacobian = derivative + (product - mean * slope.transpose());
@@ -359,7 +359,7 @@ impl Work for Jacobians<'_> {
     }
 }
 
-/// Returns the coordinates of up to `N` points by axis; unused lanes repeat the last point.
+/// Returns the coordinates of up to `N` points, one list per axis. Unused lanes repeat the last point.
 #[inline(always)]
 fn columns<const N: usize>(points: &[Point3<f64>]) -> [Lanes<N>; 3] {
     let mut columns = [Lanes::ZERO; 3];
@@ -370,12 +370,13 @@ fn columns<const N: usize>(points: &[Point3<f64>]) -> [Lanes<N>; 3] {
     columns
 }
 
-/// The sums over all terms for `N` points. The derivatives are summed by axis; `DERIVATIVES` is 3, or 0 if no derivatives are requested.
+/// The sums over all terms, for `N` points. The sums of derivatives are indexed by axis. `DERIVATIVES` is 3, or 0 if no derivatives are
+/// requested.
 struct Sums<const N: usize, const DERIVATIVES: usize> {
     total: Lanes<N>,
     value: [Lanes<N>; 3],
     slope: [Lanes<N>; DERIVATIVES],
-    /// The sums of the product of slope and value, indexed by the axis of the slope, then by the axis of the value.
+    /// The sums of the products of slope and value, indexed by the axis of the slope, then by the axis of the value.
     product: [[Lanes<N>; 3]; DERIVATIVES],
 }
 
@@ -396,7 +397,7 @@ impl<const N: usize, const DERIVATIVES: usize> Sums<N, DERIVATIVES> {
         Vector3::from([0, 1, 2].map(|axis| self.value[axis].0[lane]))
     }
 
-    /// Copies the sums of `other` for those lanes in which the total of `self` is too small.
+    /// Copies the sums of `other` in those lanes in which the total of `self` is too small to be reliable.
     fn replace_lost(&mut self, other: &Self) {
         for lane in 0..N {
             if self.total.0[lane] < MIN_TOTAL {
@@ -451,7 +452,7 @@ fn sums<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape, F: MulAdd>
     sums
 }
 
-/// Adds every term to the sums in one branch-free pass, which uses all SIMD lanes.
+/// Adds all terms to the sums in one pass without branches, so that the compiler uses all SIMD lanes.
 #[inline(always)]
 fn add<
     const N: usize,

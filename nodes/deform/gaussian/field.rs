@@ -7,31 +7,33 @@ use maquette_value::memory::huge_vec;
 use maquette_value::parallel::*;
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// A function that computes the new positions of a chunk of points, given the index of the first one, and their derivatives if requested.
+/// Computes the new positions of a chunk of points and, if requested, their derivatives. The first argument is the index of the first
+/// point.
 pub(crate) type Evaluate<'a> =
     dyn Fn(usize, &[Point3<f64>], &mut [Point3<f64>], Option<&mut [Matrix3<f64>]>) + Sync + 'a;
 
-/// The requested results in addition to the positions.
+/// The results that are requested in addition to the positions.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct FieldRequest<'a> {
-    /// The normals at the points, to be transformed.
+    /// The original normals at the points; `Some` requests transformed normals.
     pub(crate) normals: Option<&'a [[f64; 3]]>,
-    /// True if folds are requested.
+    /// True to request the points at which space is folded over.
     pub(crate) folds: bool,
-    /// True if all derivatives are requested.
+    /// True to request the derivatives at all points.
     pub(crate) jacobians: bool,
 }
 
-/// The deformed points; results that were not requested are empty.
+/// The deformed points. Results that were not requested are empty.
 #[derive(Default)]
 pub(crate) struct Field {
-    /// The rows that contain the points of the field; all other points stay. `None` if the field has all points.
+    /// The rows of points (ranges of indices) that the field contains; all other points keep their positions. `None` if it contains all
+    /// points.
     pub(crate) rows: Option<Vec<Range<u32>>>,
     pub(crate) positions: Vec<Point3<f64>>,
     pub(crate) normals: Vec<[f64; 3]>,
     /// For each point, 1 if space is folded over at the point, that is, the determinant of the derivatives is not greater than 0.
     pub(crate) folded: Vec<u8>,
-    /// The minimum determinant of the derivatives; infinite without points.
+    /// The minimum determinant of the derivatives over all points; infinite if there are no points.
     pub(crate) min_determinant: f64,
     pub(crate) jacobians: Vec<Matrix3<f64>>,
 }
@@ -70,7 +72,7 @@ pub(crate) fn evaluate_field(
         .zip(optional_chunks(&mut field.folded, chunk, n_chunks))
         .zip(optional_chunks(&mut field.jacobians, chunk, n_chunks))
         .enumerate()
-        // Each task reuses its buffer: allocating memory for each chunk would cost more than the computation.
+        // Each task reuses one buffer, since allocating memory for each chunk would cost more than the computation.
         .map_init(Vec::new, |own, (index, ((((points, moved), normals), folded), jacobians))| {
             progress.check()?;
             let first = index * chunk;
@@ -107,7 +109,7 @@ pub(crate) fn evaluate_field(
 }
 
 impl Field {
-    /// Expands the field from its rows to all points, and to all normals if normals were requested.
+    /// Expands the field from its rows to all points, and the transformed normals to all `normals` if there are any.
     pub(crate) fn expand(self, points: &[Point3<f64>], normals: Option<&[[f64; 3]]>) -> Self {
         let rows = self.rows.as_deref();
         Self {
@@ -120,7 +122,7 @@ impl Field {
     }
 }
 
-/// Returns a copy of `all` in which the items of the rows are replaced by `items`, one row after the other.
+/// Returns a copy of `all` in which the items in `rows` are replaced by `items`, one row after the other.
 pub(crate) fn scatter_rows<T: Copy>(
     rows: Option<&[Range<u32>]>,
     items: Vec<T>,
@@ -136,15 +138,15 @@ pub(crate) fn scatter_rows<T: Copy>(
     all
 }
 
-/// Returns the chunks of a list; for an empty list, `None` repeated `n_chunks` times.
+/// Returns the chunks of a list as `Some`; for an empty list, `None` repeated `n_chunks` times.
 fn optional_chunks<T>(list: &mut [T], chunk: usize, n_chunks: usize) -> Vec<Option<&mut [T]>> {
     let mut parts: Vec<_> = list.chunks_mut(chunk).map(Some).collect();
     parts.resize_with(n_chunks, || None);
     parts
 }
 
-/// Returns the unit normal of the deformed surface: the derivatives transform tangents, their cofactors transform normals. Zero where the
-/// cofactors vanish.
+/// Returns the unit normal of the deformed surface. Derivatives transform tangents, and their cofactors transform normals. Returns zero if
+/// the transformed normal vanishes.
 pub(crate) fn transform_normal(derivative: &Matrix3<f64>, normal: &[f64; 3]) -> [f64; 3] {
     let [x, y, z] = [0, 1, 2].map(|row| derivative.row(row).transpose());
     let normal = Vector3::from(*normal);

@@ -1,4 +1,4 @@
-//! Rational Gaussian functions: the weights of handles at a point.
+//! Rational Gaussian functions, which give the weights of handles at a point.
 //!
 //! ```text
 //! G_i(x) = exp(-(x - x_i)^2 / (2 sx_i^2) - (y - y_i)^2 / (2 sy_i^2) - (z - z_i)^2 / (2 sz_i^2))
@@ -7,7 +7,7 @@
 //!
 //! `x_i` is the center of Gaussian i, `sx_i`, `sy_i` and `sz_i` are its deviations, `w_i` is its weight, and `b` is the background.
 //! Goshtasby, "Geometric modelling using rational Gaussian curves and surfaces" (1995). With `b = 0`, the weights at a point sum up to 1.
-//! All exponents are of base 2, since processors compute powers of 2.
+//! All exponents are of base 2, since powers of 2 are the fastest to compute.
 
 use std::f64::consts::LOG2_E;
 
@@ -20,7 +20,7 @@ pub(crate) struct Bump {
     pub(crate) center: [f64; 3],
     /// The factor along each axis, `-log2(e) / (2 sigma^2)`.
     pub(crate) factor: [f64; 3],
-    /// The base-2 logarithm of the weight. The greatest level is 0, so no power is above 1.
+    /// The base-2 logarithm of the weight. The greatest level of all Gaussians is 0, so no power is above 1.
     pub(crate) level: f64,
 }
 
@@ -31,7 +31,7 @@ impl Bump {
         self.factor[1..] == [self.factor[0]; 2]
     }
 
-    /// Returns the exponent at a point.
+    /// Returns the exponent of 2 at a point.
     #[inline(always)]
     pub(crate) fn exponent(&self, [x, y, z]: [f64; 3]) -> f64 {
         let [dx, dy, dz] = [x - self.center[0], y - self.center[1], z - self.center[2]];
@@ -46,11 +46,11 @@ impl Bump {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Gaussians {
     pub(crate) bumps: Vec<Bump>,
-    /// The background, in units of the greatest weight.
+    /// The background weight, in units of the greatest weight.
     pub(crate) background: f64,
 }
 
-/// The minimum factor. It keeps squares finite; even with it, a point next to the center is already outside of the Gaussian.
+/// The minimum factor of a [`Bump`]. It keeps squares finite, but with it even points next to the center are outside of the Gaussian.
 const MIN_FACTOR: f64 = -1e300;
 
 impl Gaussians {
@@ -74,7 +74,7 @@ impl Gaussians {
         }
     }
 
-    /// Returns the weight of each Gaussian at a point. Exponents are taken relative to the greatest one; the sum therefore never vanishes,
+    /// Returns the weight of each Gaussian at a point. Exponents are taken relative to the greatest one, so that the sum does not vanish,
     /// however far away the point is.
     pub(crate) fn weights(&self, point: Point3<f64>) -> Vec<f64> {
         let mut weights: Vec<f64> =
@@ -90,7 +90,7 @@ impl Gaussians {
     }
 }
 
-/// A kernel that raises 2 to the exponents, taken relative to the greatest one.
+/// A kernel that raises 2 to each exponent minus `greatest`.
 struct Powers<'a> {
     exponents: &'a mut [f64],
     greatest: f64,

@@ -1,4 +1,4 @@
-//! Prepares handles: converts them to mm, chooses their deviations, and merges handles at the same position.
+//! Prepares handles: converts them to mm, chooses omitted deviations, and merges handles at the same position.
 
 use maquette_node::{Error, bail};
 use maquette_value::Memo;
@@ -11,7 +11,7 @@ use crate::Mode;
 /// The minimum and maximum corner of a box.
 pub type Bounds = (Point3<f64>, Point3<f64>);
 
-/// All inputs of the linear system except the targets: the positions, deviations and weights of the handles, and the options.
+/// The handles without their targets, after merging, and the options: all inputs of the linear system that a deformation solves.
 #[derive(Clone, Debug)]
 pub(crate) struct Layout {
     pub(crate) positions: Vec<Point3<f64>>,
@@ -22,32 +22,33 @@ pub(crate) struct Layout {
     pub(crate) regularize: f64,
 }
 
-/// A layout, the targets of its handles, and the mapping from the original handles.
+/// A layout, the targets of its handles, and the mapping from original handles to those of the layout.
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedHandles {
     pub(crate) layout: Layout,
     pub(crate) targets: Vec<Point3<f64>>,
-    /// For each handle, its index in the layout.
+    /// For each original handle, its index in the layout. Merged handles have the same index.
     pub(crate) layout_indices: Vec<usize>,
-    /// The merged handles. Each pair lists the later handle, then the earlier one.
+    /// The original handles that were merged. Each pair lists the later handle, then the earlier one.
     pub(crate) merged: Vec<[usize; 2]>,
-    /// The diagonal of the box to which the handles' space refers.
+    /// The diagonal of the box to which handle coordinates are relative, in mm.
     pub(crate) diagonal: f64,
 }
 
-/// Two handles closer to each other than this many deviations have the same position: their equations would differ by rounding errors only.
+/// Two handles closer to each other than this many deviations count as one: their equations would differ by rounding errors only.
 const SAME_POSITION: f64 = 1e-6;
 
-/// Two targets closer to each other than this fraction of the box's diagonal are equal.
+/// Two targets closer to each other than this fraction of the box's diagonal count as equal.
 const SAME_TARGET: f64 = 1e-9;
 
-/// Maximum number of handles. With more, one solution takes seconds; memory grows with the square of the number.
+/// Maximum number of handles. With more handles, solving the system takes seconds; memory grows with the square of the number.
 pub(crate) const MAX_HANDLES: usize = 2000;
 
-/// The number of nearest handles from whose distances a deviation is chosen.
+/// The number of nearest handles from whose distances an omitted deviation is chosen.
 const NEAREST_HANDLES: usize = 3;
 
-/// Ratio of a chosen deviation to the mean distance to the nearest handles. With it, Gaussians overlap, and the system is well conditioned.
+/// Ratio of a chosen deviation to the mean distance to the nearest handles. With 0.75, Gaussians overlap, and the linear system is well
+/// conditioned.
 const DEVIATION_RATIO: f64 = 0.75;
 
 impl Layout {
@@ -56,7 +57,7 @@ impl Layout {
     }
 }
 
-/// Returns the handles in mm, merged if they have the same position. `bounds` is the box to which their space refers.
+/// Returns the handles in mm, merged if they have the same position. `bounds` is the box to which their coordinates are relative.
 pub(crate) fn prepare(
     handles: &Handles,
     bounds: Bounds,
@@ -122,7 +123,7 @@ pub(crate) fn prepare(
     Ok(prepared)
 }
 
-/// Returns the error for a background that is not valid, or that the mode does not support.
+/// Returns the error for a background that is out of range or not supported by the mode.
 pub(crate) fn wrong_background(background: f64) -> Error {
     Error::new(format!(
         "`background` is {background}, but it must be 0 or more, and 0 unless `mode` is `Displacement`"
@@ -130,7 +131,7 @@ pub(crate) fn wrong_background(background: f64) -> Error {
 }
 
 /// Returns the handles in mm with all deviations, and their targets. Omitted deviations are 0.75 of the mean distance to the three nearest
-/// handles, measured with the box scaled to a unit cube; in the absolute form they are the sides of the box.
+/// handles, measured with the box scaled to a unit cube. In the absolute form, omitted deviations are the sides of the box.
 pub(crate) fn choose_deviations(
     handles: &Handles,
     bounds: Bounds,
@@ -169,8 +170,8 @@ pub(crate) fn choose_deviations(
     Ok((layout, world.targets().to_vec()))
 }
 
-/// Returns the deviation of a handle, in sides of the box, from the distances to the nearest handles; 1 if all handles have one position.
-/// `scaled` are the handles' positions in the unit cube.
+/// Returns the deviation for a handle, in sides of the box, chosen from the distances to the nearest handles; 1 if all handles have the
+/// same position. `scaled` are the handles' positions with the box scaled to a unit cube.
 fn relative_deviation(index: usize, scaled: &[Vector3<f64>]) -> f64 {
     let others = scaled.iter().map(|other| (other - scaled[index]).norm());
     let mut distances: Vec<f64> = others.filter(|distance| *distance > 0.0).collect();

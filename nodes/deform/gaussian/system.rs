@@ -1,4 +1,4 @@
-//! The linear system that makes handles reach their targets. Its matrix depends only on the layout of the handles.
+//! The linear system that makes handles reach their targets. Its matrix depends on the handles' positions, deviations and weights only.
 //!
 //! With `M_ji` the weight of handle i at the position of handle j, the coefficients `V` solve `M V = T` for the targets `T`, one column per
 //! axis.
@@ -13,11 +13,11 @@ use super::deformation::Affine;
 use super::layout::Layout;
 use crate::Mode;
 
-/// The factored system of a layout.
+/// The factored linear system for the coefficients of the handles.
 ///
-/// The affine form adds a polynomial `a_0 + sum_k a_k p_k(x)` to the Gaussians. Their coefficients `c` then have no constant and no linear
-/// part. `D` are the displacements of the handles, `P` the values of the polynomial's functions at the handles, and `l` is the
-/// regularization:
+/// The affine form adds a polynomial `a_0 + sum_k a_k p_k(x)` to the Gaussians. The coefficients `c` of the Gaussians then have no constant
+/// and no linear part. `M` are the weights, `D` the displacements of the handles, `P` the values of the polynomial's functions at the
+/// handles, `PT` and `MT` are transposed matrices, `r` are the residuals, and `l` is the regularization:
 ///
 /// ```text
 /// M  P   c     D            with regularization:   l I   M    P    r / l     D
@@ -25,8 +25,8 @@ use crate::Mode;
 ///                                                   PT    0    0    a         0
 /// ```
 ///
-/// The system on the right solves the least-squares problem `|M c + P a - D|^2 + l^2 |c|^2` without squaring its matrix: the condition
-/// number of the system is that of the problem, not its square.
+/// The system on the right solves the least-squares problem `|M c + P a - D|^2 + l^2 |c|^2`. It does not square the matrix, as the normal
+/// equations do, so its condition number is that of the problem and not the square.
 #[derive(Clone, Debug)]
 pub(crate) struct System {
     lu: Lu,
@@ -41,11 +41,11 @@ pub(crate) struct Polynomial {
     pub(crate) origin: Point3<f64>,
     pub(crate) directions: Vec<Vector3<f64>>,
     pub(crate) scale: f64,
-    /// The number of linear functions: 0, or one more than the number of directions.
+    /// The number of functions, including the constant 1: 0 if there is no polynomial, otherwise one more than the number of directions.
     pub(crate) terms: usize,
 }
 
-/// The solution of the system for one right side.
+/// The solution of the linear system for one right side.
 #[derive(Clone, Debug)]
 pub(crate) struct Solution {
     /// The coefficients of the Gaussians, one per handle.
@@ -54,10 +54,10 @@ pub(crate) struct Solution {
     pub(crate) polynomial: Vec<f64>,
 }
 
-/// Condition number above which no digit of a solution is reliable.
+/// Condition number of the linear system above which no digit of a solution is reliable.
 const MAX_CONDITION: f64 = 1e12;
 
-/// A direction is omitted if the extent of the handles along it is less than this fraction of their whole extent.
+/// Minimum extent of the handles along a direction of the polynomial, divided by their whole extent; directions with less are omitted.
 const FLAT_RATIO: f64 = 1e-9;
 
 impl System {
@@ -72,7 +72,7 @@ impl System {
             Mode::Displacement | Mode::Absolute => Polynomial::default(),
         };
         let (lambda, regularized) = (layout.regularize, layout.regularize > 0.0);
-        // The indices of the first rows of r, c and a. The equations of M, MT and PT begin at the same indices.
+        // The indices of the first rows of r, c and a in the documented system. The equations with M, MT and PT begin at the same indices.
         let c = if regularized { n } else { 0 };
         let a = c + n;
         let size = a + polynomial.terms;
@@ -106,7 +106,7 @@ impl System {
         Ok(Self { lu, handles: n, regularized, polynomial })
     }
 
-    /// Like [`System::new`], but for the cache.
+    /// Like [`System::new`], as the cache expects it.
     pub(crate) fn memo(layout: &Layout) -> Result<Self, Error> {
         Self::new(layout)
     }
@@ -133,8 +133,8 @@ impl System {
 }
 
 impl Polynomial {
-    /// Returns as many linear functions as the positions can distinguish. Each direction points to the position that is farthest from the
-    /// span of the previous directions.
+    /// Returns as many linear functions as the positions can distinguish: fewer than three directions if the positions are coplanar. Each
+    /// direction points to the position that is farthest from the span of the previous directions.
     fn from_points(positions: &[Point3<f64>]) -> Self {
         let count = positions.len() as f64;
         let mean = positions.iter().map(|position| position.coords / count).sum::<Vector3<f64>>();
@@ -159,7 +159,7 @@ impl Polynomial {
         Self { origin: mean.into(), terms: 1 + directions.len(), directions, scale }
     }
 
-    /// Returns the functions' values at a position.
+    /// Returns the values of the linear functions at a position.
     pub(crate) fn values(&self, position: Point3<f64>) -> Vec<f64> {
         if self.terms == 0 {
             return Vec::new();
@@ -168,7 +168,8 @@ impl Polynomial {
         std::iter::once(1.0).chain(linear).collect()
     }
 
-    /// Returns the affine map whose three coordinates are the given combinations of the functions; `None` without functions.
+    /// Returns the affine map whose three coordinates are the combinations of the functions with the coefficients in `axes`; `None` if
+    /// there are no functions.
     pub(crate) fn combine(&self, axes: [&[f64]; 3]) -> Option<Affine> {
         (self.terms > 0).then(|| Affine {
             origin: self.origin.coords,
@@ -182,7 +183,7 @@ impl Polynomial {
     }
 }
 
-/// Cached for new targets of the same handles.
+/// The system is cached for new targets of the same handles.
 impl Memo for System {
     const NAME: &'static str = "HandleSystem";
 

@@ -1,4 +1,4 @@
-//! Tests of the modes of a deformation: invariants, targets and reproduced motions.
+//! Tests of the modes of a deformation: invariants, exact targets, and motions that must be reproduced.
 
 use maquette_node::Error;
 
@@ -47,7 +47,7 @@ fn points_far_away_follow_the_nearest_handle() {
         assert!((coefficient.z - 0.25).abs() <= 0.05, "{far}: {coefficient}");
         assert!(result.iter().all(|point| point.coords.iter().all(|x| x.is_finite())));
         let (_, jacobian) = deform_point(&handles, Mode::Displacement, points[0]);
-        // The slopes of the Gaussians, about far / sigma^2, cancel out, which amplifies rounding errors.
+        // The slopes of the Gaussians, about far / sigma^2, cancel each other, which amplifies rounding errors.
         let rounding = 1e-15 * far / 0.04;
         assert!((jacobian - Matrix3::identity()).norm() <= rounding, "{jacobian}");
     }
@@ -55,7 +55,7 @@ fn points_far_away_follow_the_nearest_handle() {
 
 #[test]
 fn vanishing_sums_are_continuous() {
-    // The second point moves across the distance at which the plain sums vanish.
+    // The second point moves across the distance at which the sums of the Gaussians underflow.
     let handles = vec![
         handle(Point3::origin(), Point3::new(0.1, 0.0, 0.0), [0.05; 3]),
         handle(Point3::new(0.1, 0.0, 0.0), Point3::new(0.1, 0.1, 0.0), [0.05; 3]),
@@ -141,7 +141,7 @@ fn the_affine_form_reproduces_affine_motions_of_handles() {
 
 #[test]
 fn the_affine_form_uses_fewer_directions_for_flat_handles() {
-    // The handles are on a plane, on a line, or two at one height. Each set reproduces its own class of motions.
+    // The handles are in a plane, on a line, a single one, or two at the same height. Each set must reproduce its own class of motions.
     let plane = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [1., 1., 0.], [0.3, 0.6, 0.]];
     let line = [[0.; 3], [0.5, 0.25, 0.], [1., 0.5, 0.]];
     for positions in [&plane[..], &line, &plane[..1], &plane[..2]] {
@@ -160,7 +160,7 @@ fn the_affine_form_uses_fewer_directions_for_flat_handles() {
 fn leaving_handles_out_changes_less_than_the_accuracy() {
     let mut random = Random(9);
     let mut points = random.points(20_000);
-    // Far away the powers vanish, and only their ratios count.
+    // Add points so far away that the powers underflow and only their ratios count.
     points.extend(random.points(500).into_iter().map(|point| point * 40.0));
     for (mode, background) in [
         (Mode::Displacement, 0.0),
@@ -211,7 +211,7 @@ fn regularization_solves_singular_systems_and_reports_the_residual() {
     let ((calm, some), (_, more)) = (with(0.01), with(1.0));
     assert!(0.0 < some.residual && some.residual < more.residual && more.residual < 0.3);
     assert!(farthest(&calm, &points) < 1.0, "{}", farthest(&calm, &points));
-    // The result is compared with that of the normal equations, whose condition number is the square.
+    // Compare the result with that of the normal equations, whose condition number is the square.
     let layout = layout(&handles, Mode::Displacement);
     let gaussians = layout.gaussians();
     let n = handles.len();
@@ -290,7 +290,7 @@ fn only_displacements_have_a_background_and_numbers_are_checked() {
 fn omitted_deviations_are_chosen_from_the_distances() {
     let bare: Vec<Handle> =
         corners([1.0; 3]).into_iter().map(|handle| Handle { sigma: None, ..handle }).collect();
-    // The three nearest corners are one side away.
+    // The three nearest corners are one side of the cube away.
     assert_eq!(layout(&bare, Mode::Displacement).sigma[0], [0.75; 3]);
     assert_eq!(layout(&bare, Mode::Absolute).sigma[0], [1.0; 3]);
     assert_eq!(layout(&bare[..1], Mode::Displacement).sigma[0], [1.0; 3]);

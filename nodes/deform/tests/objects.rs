@@ -1,4 +1,4 @@
-//! Tests of deformed objects: meshes, range images, points, curves and nets; and of the number of threads.
+//! Tests of deformed objects (meshes, range images, points, curves and control nets), and of results with various numbers of threads.
 
 use maquette_value::{Attribute, ControlNet, Curve, Faces, KnotVector, Mesh, RangeImage};
 
@@ -14,7 +14,7 @@ fn apply(
     ffd(object, &in_world(handles), mode, options, &Progress::silent()).unwrap()
 }
 
-/// Returns a sheet of quads over the unit square at the height `height`, with normals up.
+/// Returns a square sheet of quads over the unit square, at the z coordinate `height`, with normals along z.
 fn sheet(sides: usize, height: f64) -> Mesh {
     fn corner(k: usize, sides: usize) -> u32 {
         (k / sides * (sides + 1) + k % sides) as u32

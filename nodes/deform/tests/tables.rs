@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// Returns the maximum displacement, the root mean square displacement, and the maximum along each axis, of 4000 points with handles at
-/// rest.
+/// Returns the maximum displacement, the root mean square displacement, and the maximum along each axis, for 4000 random points. The
+/// handles are at rest and deform in the absolute form.
 fn contraction(sigma: [f64; 3]) -> (f64, f64, [f64; 3]) {
     let points = Random(7).points(4000);
     let result = move_points(&points, &corners(sigma), options_in_unit(Mode::Absolute));
@@ -16,7 +16,7 @@ fn contraction(sigma: [f64; 3]) -> (f64, f64, [f64; 3]) {
     (max, rms, [axis(0, &steps), axis(1, &steps), axis(2, &steps)])
 }
 
-/// Returns true if sampled maxima agree within 2 percent, or within the digits of the table, whose last numbers have one digit.
+/// Returns true if two numbers agree within 2 percent, or within the last digit of the table, whose smallest numbers have one digit.
 fn is_near(found: f64, expected: f64, digits: f64) -> bool {
     (found - expected).abs() <= f64::max(0.02 * expected, digits)
 }
@@ -45,7 +45,7 @@ fn handles_at_rest_contract_as_in_the_table_of_the_absolute_form() {
     }
 }
 
-/// Returns the corners and a ninth handle at a distance from the first one, moved by 0.1.
+/// Returns handles at the corners of the unit cube, and a ninth handle at `distance` from the first one, moved by 0.1.
 fn twin(distance: f64) -> Vec<Handle> {
     let mut handles = corners([0.5; 3]);
     let at = Point3::new(distance, 0.0, 0.0);
@@ -87,7 +87,7 @@ fn random_handles_have_conditions_of_the_order_of_the_table() {
             let handles: Vec<Handle> =
                 positions.into_iter().map(|at| handle(at, at, [sigma; 3])).collect();
             let found = condition(&handles);
-            // The positions are random, and the nearest pair determines the result.
+            // The positions are random, and the nearest pair of handles determines the condition number, so allow a large difference.
             let ratio = libm::log10(found / expected).abs();
             assert!(ratio <= 1.5, "{count} {sigma}: {found:e} {expected:e}");
         }

@@ -10,22 +10,22 @@ use crate::exemplar::{Copies, Sources};
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::{NONE, area_vector};
 
-/// Computes attributes for filled vertices from their neighbors and from the data vertices that they copy.
+/// Computes attributes for the vertices that fill holes, from their neighbors and from the input vertices that they copy.
 pub(crate) struct AttributeCarrier<'a> {
     filling: &'a Filling,
-    /// The exemplars from which attributes are copied; `None` for plain fills.
+    /// The parts of the input surface from which attributes are copied; `None` if the fill copies nothing.
     copies: Option<&'a Copies>,
-    /// For each filled vertex, the data vertex that it copies; without exemplars, the data vertex that is nearest along edges.
+    /// For each vertex of the fill, the input vertex that it copies; if it copies none, the input vertex that is nearest along edges.
     nearest: Vec<u32>,
     neighbors: Vec<Vec<u32>>,
     /// The interpolation equations, factored on first use; the inner `None` means that the matrix cannot be factored.
     equations: OnceCell<Option<Equations>>,
 }
 
-/// The linear system of harmonic interpolation: the value at each filled vertex is the mean of the values at its neighbors.
+/// The linear system of harmonic interpolation: the value at each vertex of the fill is the mean of the values at its neighbors.
 struct Equations {
     factors: Cholesky,
-    /// For each filled vertex, its neighbors among the data vertices.
+    /// For each vertex of the fill, its neighbors among the vertices of the input mesh.
     data_neighbors: Vec<Vec<u32>>,
 }
 
@@ -55,13 +55,14 @@ impl<'a> AttributeCarrier<'a> {
         Self { filling, copies, nearest, neighbors, equations: OnceCell::new() }
     }
 
-    /// Returns, for each vertex, the data vertex whose attributes it takes: the vertex itself, the vertex of its exemplar, or the nearest
-    /// data vertex along filled edges.
+    /// Returns, for each vertex of the filled mesh, the input vertex whose attributes it takes. An input vertex takes its own attributes. A
+    /// vertex of the fill takes those of the vertex that it copies, otherwise those of the nearest input vertex along edges of the fill.
     pub(crate) fn example_vertices(&self) -> Vec<u32> {
         (0..self.filling.n_data_vertices as u32).chain(self.nearest.iter().copied()).collect()
     }
 
-    /// Returns `column` extended to the filled vertices by harmonic interpolation: each filled entry is the mean of its neighbors.
+    /// Returns `column` extended to the vertices of the fill by harmonic interpolation: each new entry is the mean of its neighbors'
+    /// entries.
     fn interpolate<T: Copy, const N: usize>(
         &self,
         column: &[T],
@@ -92,7 +93,8 @@ impl<'a> AttributeCarrier<'a> {
         all
     }
 
-    /// Like [`interpolate`](Self::interpolate), but filled vertices with exemplars get the weighted mean of the exemplars' entries.
+    /// Like [`interpolate`](Self::interpolate), but a vertex of the fill that copies input vertices gets the weighted mean of their
+    /// entries.
     fn interpolate_from_exemplars<T: Copy, const N: usize>(
         &self,
         column: &[T],
@@ -111,10 +113,10 @@ impl<'a> AttributeCarrier<'a> {
         all
     }
 
-    /// Returns a column of the data vertices with entries appended for the filled vertices. Numbers, vectors, pairs and colors are
-    /// interpolated, colors in linear light; whole numbers and flags are copied from the nearest data vertex or the exemplar. Pairs are
-    /// interpolated even in exemplar fills: they may be texture coordinates that faces share, and copies from different exemplars would
-    /// tear the picture apart.
+    /// Returns a column of the input vertices with entries appended for the vertices of the fill. Numbers, vectors, pairs and colors are
+    /// interpolated, colors in linear light. Integers and flags are copied from one input vertex, see `nearest`. Pairs are interpolated
+    /// even if the fill copies other parts of the surface: they may be texture coordinates, and copies from different places would tear the
+    /// texture apart.
     fn vertex_column(&self, attribute: &Attribute) -> Attribute {
         match attribute {
             Attribute::Number(column) => {
@@ -148,17 +150,16 @@ impl<'a> AttributeCarrier<'a> {
         }
     }
 
-    /// Transfers the attributes of `from` to the filled mesh `onto`, whose first vertices and faces are those of `from`, followed by the
-    /// filled ones.
+    /// Transfers the attributes of `from` to the filled mesh `onto`. The first vertices and faces of `onto` are those of `from`; the
+    /// vertices and faces of the fill follow.
     ///
     /// # Errors
-    /// Does not fail if `onto` is `from` followed by filled vertices and faces.
+    /// Does not fail if `onto` begins with the vertices and faces of `from`.
     pub(crate) fn transfer(&self, from: &Mesh, mut onto: Mesh) -> Result<Mesh, MeshError> {
         for (name, attribute) in from.vertex().iter() {
             onto = onto.with_vertex(name, self.named_column(name, attribute))?;
         }
-        // The search for a corner and a face of each vertex takes a pass over all data, and only corner and face attributes need its
-        // result.
+        // Only corner and face attributes need a corner and a face for each vertex; finding these takes a pass over the whole mesh.
         if from.corner().iter().next().is_none() && from.face().iter().next().is_none() {
             return Ok(onto);
         }
@@ -182,7 +183,7 @@ impl<'a> AttributeCarrier<'a> {
         if (vertex as usize) < data { vertex } else { self.nearest[vertex as usize - data] }
     }
 
-    /// Returns, for each data vertex, one of its corners and one of its faces: those with the lowest index.
+    /// Returns, for each input vertex, the lowest index of its corners and the lowest index of its faces.
     fn first_corners_and_faces(&self, mesh: &Mesh) -> (Vec<u32>, Vec<u32>) {
         let (mut corners, mut faces) =
             (vec![0; self.filling.n_data_vertices], vec![0; self.filling.n_data_vertices]);
@@ -197,8 +198,8 @@ impl<'a> AttributeCarrier<'a> {
         (corners, faces)
     }
 
-    /// Returns a corner attribute extended to the filled corners. A filled corner gets the entry of its vertex; for a data vertex, that is
-    /// the entry of one of its corners.
+    /// Returns a corner attribute extended to the corners of the fill. A new corner gets the entry of its vertex; for an input vertex, that
+    /// is the entry of one of its corners.
     fn corner_column(
         &self,
         mesh: &Mesh,
@@ -218,7 +219,7 @@ impl<'a> AttributeCarrier<'a> {
             };
         }
         let joined = join!(Number, Index, Flag, Pair, Vector, Color);
-        // `indices` refer to the column of the data followed by the column of the filled vertices.
+        // `indices` refer to the entries of the input corners, followed by the entries of all vertices.
         let indices: Vec<u32> =
             (0..count).chain(new_corners.iter().map(|&vertex| count + vertex)).collect();
         let mut all = joined.select(&indices);
@@ -229,7 +230,8 @@ impl<'a> AttributeCarrier<'a> {
         all
     }
 
-    /// Extends a column of pairs (texture coordinates) per corner: each filled face gets the pairs at the data position that it copies.
+    /// Extends a column of texture coordinates per corner: each face of the fill gets the texture coordinates at the input position that it
+    /// copies.
     fn copied_pairs(&self, mesh: &Mesh, column: &[[f64; 2]], sources: &Sources) -> Vec<[f64; 2]> {
         let corners = mesh.triangle_corners();
         let mut shown = column.to_vec();
@@ -244,7 +246,8 @@ impl<'a> AttributeCarrier<'a> {
         shown
     }
 
-    /// Returns the normals of the data vertices followed by the normals of the filled vertices, which are weighted by face area.
+    /// Returns the normals of the input vertices, followed by those of the vertices of the fill, which are means of face normals weighted
+    /// by area.
     fn normals(&self, data: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let filling = self.filling;
         let mut sums = vec![Vector3::zeros(); filling.points.len() - filling.n_data_vertices];
@@ -282,8 +285,9 @@ fn srgb_channel(light: f64) -> u8 {
     (c * 255.0).round() as u8
 }
 
-/// Returns, for each filled vertex, the nearest data vertex, found by a breadth-first search along edges. The search starts from the filled
-/// vertices next to data, in the order of their indices; of several equally near data vertices, the one found first is returned.
+/// Returns, for each vertex of the fill, the nearest input vertex, found by a breadth-first search along edges. The search starts from the
+/// vertices of the fill that have input neighbors, in the order of their indices. Of several equally near input vertices, the first found
+/// is returned.
 fn nearest_data_vertices(filling: &Filling, neighbors: &[Vec<u32>]) -> Vec<u32> {
     let mut nearest = vec![NONE; neighbors.len()];
     let mut reached = Vec::with_capacity(neighbors.len());

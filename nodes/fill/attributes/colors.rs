@@ -1,4 +1,4 @@
-//! Vertex colors, which are compared when exemplars are chosen.
+//! Vertex colors. They are compared to find the parts of the surface that are copied into a hole.
 
 use maquette_value::{Color, Mesh};
 
@@ -6,8 +6,9 @@ use super::carry::AttributeCarrier;
 use crate::exemplar::TextureSource;
 use crate::triangles::filling::Filling;
 
-/// Returns the CIE L*a*b* color of each vertex. The color of a data vertex comes from the picture if the fill copies the picture, otherwise
-/// from the color attribute; a filled vertex has the color of the nearest rim vertex. Returns `None` if the mesh has no colors.
+/// Returns the CIE L*a*b* color of each vertex. The color of an input vertex comes from the texture if the fill copies the texture,
+/// otherwise from the color attribute. A vertex of the fill has the color of the nearest vertex on the hole's rim. Returns `None` if the
+/// mesh has no colors.
 pub(crate) fn colors(
     mesh: &Mesh,
     filling: &Filling,
@@ -22,7 +23,7 @@ pub(crate) fn colors(
     Some(likely.iter().map(|&vertex| data[vertex as usize]).collect())
 }
 
-/// Returns the picture's color at each vertex: the mean over the vertex's corners.
+/// Returns the texture's color at each vertex: the mean over the vertex's corners.
 fn sample_pictures(mesh: &Mesh, uv: &[[f64; 2]]) -> Vec<[f64; 3]> {
     let count = mesh.positions().len();
     let (mut sums, mut corners) = (vec![[0.0; 3]; count], vec![0.0_f64; count]);

@@ -1,4 +1,4 @@
-//! Finds the rims of a mesh that are holes, and selects those to fill.
+//! Finds the rims (boundary loops) of a mesh that enclose holes, and selects those to fill.
 
 use maquette_base::topology::union_find::UnionFind;
 use maquette_value::{Mesh, MeshError};
@@ -30,22 +30,23 @@ pub enum HoleChoice {
     Region(HoleRegion),
 }
 
-/// The numbers of the rims to fill, and the numbers of the outer borders that the choice would include if they were holes.
+/// The numbers of the boundary loops to fill (`holes`), and of the open surface's outer borders (`outer`) that match the user's choice but
+/// are not holes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct ChosenRims {
     pub(crate) holes: Vec<usize>,
     pub(crate) outer: Vec<usize>,
 }
 
-/// A component is an open scan if more than this fraction of its face area looks to one side, that is, if its vector area divided by its
-/// area exceeds this value. For a sphere that lacks a cap, the value is the cap's fraction of the sphere's area, so nearly half of the
-/// sphere may be missing. A relief exceeds 0.5 unless it is more rugged than any landscape.
+/// Minimum length of a component's vector area (sum of its face area vectors), divided by its area, at which the component counts as an
+/// open scan. For a sphere that lacks a cap, the ratio is the cap's fraction of the sphere's area, so nearly half of the sphere may be
+/// missing. The ratio of a relief is above 0.5 unless the relief is more rugged than any landscape.
 const MIN_OPEN_FRACTION: f64 = 0.4;
 
-/// Selects the rims of `mesh` to fill. `is_cut` marks the vertices next to which damaged data was cut out.
+/// Selects the rims (boundary loops) of `mesh` to fill. `is_cut` is true for vertices that lost a face when damaged parts were cut out.
 ///
 /// # Errors
-/// Returns the chosen rim number that does not exist.
+/// Returns the first number in [`HoleChoice::Loops`] that no rim has.
 pub(crate) fn choose(
     mesh: &Mesh,
     components: &Components,
@@ -93,7 +94,7 @@ fn length(mesh: &Mesh, rim: &[u32]) -> f64 {
     ends.map(|(&a, &b)| (mesh.positions()[b as usize] - mesh.positions()[a as usize]).norm()).sum()
 }
 
-/// Returns the longest of the candidate rims; if several are equally long, the first of them. Returns `None` without candidates.
+/// Returns the longest of the candidate rims; if several are equally long, the first of them. Returns `None` if there are no candidates.
 fn longest(mesh: &Mesh, rims: &[Vec<u32>], candidates: &[usize]) -> Option<usize> {
     candidates
         .iter()
@@ -103,7 +104,7 @@ fn longest(mesh: &Mesh, rims: &[Vec<u32>], candidates: &[usize]) -> Option<usize
 
 /// The connected components of a mesh.
 pub(crate) struct Components {
-    /// For each vertex, the number of its component.
+    /// For each vertex, the index of its component.
     vertex_components: Vec<u32>,
     /// For each component, its area and the sum of its face normals weighted by area.
     areas: Vec<(f64, Vector3<f64>)>,
@@ -131,14 +132,14 @@ impl Components {
         components
     }
 
-    /// Adds the area vector of a face to the component that contains the vertex `vertex` of the face.
+    /// Adds the area vector of a face to the totals of the component that contains `vertex`, one of the face's vertices.
     fn add(&mut self, vertex: u32, area: Vector3<f64>) {
         let (sum, side) = &mut self.areas[self.vertex_components[vertex as usize] as usize];
         *sum += area.norm();
         *side += area;
     }
 
-    /// Returns the number of the component that contains a vertex.
+    /// Returns the index of the component that contains a vertex.
     pub(crate) fn component_of(&self, vertex: u32) -> u32 {
         self.vertex_components[vertex as usize]
     }
@@ -149,11 +150,11 @@ impl Components {
     }
 }
 
-/// Returns, for each rim, whether it is the outer border of an open component. A component is open if the mesh comes from a capture or if
-/// its faces mostly look to one side; its outer border is the rim around that side.
+/// Returns, for each rim, whether it is the outer border of an open component. A component is open if the mesh comes from a scanner capture
+/// or if its faces mostly face one side. Its outer border is the rim that runs around that side and encloses the largest area.
 fn outer_borders(mesh: &Mesh, components: &Components, rims: &[Vec<u32>]) -> Vec<bool> {
     let mut is_outer = vec![false; rims.len()];
-    // For each component: the signed area enclosed by the outermost rim found so far, and the number of that rim.
+    // For each component: the signed area enclosed by the outermost rim found so far, and the index of that rim.
     let mut outermost = vec![(0.0, usize::MAX); components.areas.len()];
     for (rim, vertices) in rims.iter().enumerate() {
         let component = components.vertex_components[vertices[0] as usize] as usize;
@@ -170,8 +171,8 @@ fn outer_borders(mesh: &Mesh, components: &Components, rims: &[Vec<u32>]) -> Vec
     is_outer
 }
 
-/// Returns `mesh` without the components that a cut has isolated: those whose vertices are all marked by `is_cut`. Such components cannot
-/// be closed, and the rims around them are not holes.
+/// Returns `mesh` without the components that a cut has isolated: those whose vertices have all lost a face (`is_cut`). Such components
+/// cannot be closed, and the rims around them are not holes.
 ///
 /// # Errors
 /// Does not fail for a valid mesh.
@@ -194,7 +195,7 @@ pub(crate) fn without_isolated_components(
     Ok((cut(&mesh, &isolated)?.0, kept.map(|(&is_cut, _)| is_cut).collect()))
 }
 
-/// Returns the component number of each vertex; components are numbered in the order of their lowest vertex indices.
+/// Returns the component index of each vertex; components are numbered in the order of their lowest vertex indices.
 fn connected_components(mesh: &Mesh) -> Vec<u32> {
     let mut sets = UnionFind::new(mesh.positions().len());
     match mesh.faces().as_triangles() {

@@ -1,4 +1,4 @@
-//! Checks that a filled mesh is manifold at the rims of its holes. Elsewhere it is manifold if the input mesh was.
+//! Checks that a mesh is manifold at the rims of its holes after these are filled. Elsewhere it is manifold if the input mesh was.
 
 use std::collections::BTreeMap;
 
@@ -6,11 +6,11 @@ use super::rim::OneRings;
 use super::rims::{NotManifold, has_closed_fan_beside_others};
 use crate::triangles::filling::Filling;
 
-/// Checks the edges and the face fans at the vertices of `holes`.
+/// Checks the edges and the face fans at the vertices of the hole boundaries `holes`.
 ///
 /// # Errors
-/// Returns the edges that have more than two faces or two faces of opposite orientation, and the vertices that have several face fans, one
-/// of them closed.
+/// Returns the edges that have more than two faces or two faces of opposite orientation. Also returns the vertices that have several face
+/// fans, one of them closed.
 pub(crate) fn check_rims(
     filling: &Filling,
     one_rings: &OneRings,
@@ -26,7 +26,7 @@ pub(crate) fn check_rims(
         spokes.insert(vertex, one_ring.map(|&face| spoke(face, vertex)).collect());
     }
     for &face in &filling.faces[filling.n_data_faces..] {
-        // Nearly all corners are filled vertices, which are not on a rim.
+        // Skip the vertices of the fill: none of them is on a rim.
         for vertex in face.into_iter().filter(|&vertex| (vertex as usize) < filling.n_data_vertices)
         {
             if let Some(spokes) = spokes.get_mut(&vertex) {

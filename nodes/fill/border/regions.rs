@@ -1,4 +1,4 @@
-//! Cuts damaged data out of a mesh.
+//! Cuts damaged regions out of a mesh.
 
 use maquette_node::{Error, bail};
 use maquette_value::{Attribute, Faces, Mesh, MeshError};
@@ -37,7 +37,7 @@ pub enum HoleRegion {
 /// Returns, for each vertex, whether it is in the region.
 ///
 /// # Errors
-/// Returns an error if the region names an attribute that the mesh does not have as a flag or number.
+/// Returns an error if the region names an attribute that the mesh does not have as a flag or number per vertex.
 pub(crate) fn vertices_in_region(mesh: &Mesh, region: &HoleRegion) -> Result<Vec<bool>, Error> {
     let points = mesh.positions().iter();
     Ok(match region {
@@ -55,7 +55,7 @@ pub(crate) fn vertices_in_region(mesh: &Mesh, region: &HoleRegion) -> Result<Vec
 /// Returns, for each vertex, whether the attribute `name` is not 0.
 ///
 /// # Errors
-/// Returns an error if the mesh has no flag or number with this name per vertex.
+/// Returns an error if the mesh has no flag or number named `name` per vertex.
 pub(crate) fn marked_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, Error> {
     Ok(match mesh.vertex().get(name) {
         Some(Attribute::Flag(flags)) => flags.iter().map(|&flag| flag != 0).collect(),
@@ -65,8 +65,8 @@ pub(crate) fn marked_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, Erro
     })
 }
 
-/// Removes the vertices marked as `damaged`, their faces, and the vertices that lose all their faces. Returns the remaining mesh, whose
-/// vertices and faces keep their order, and for each remaining vertex whether one of its faces was removed.
+/// Removes the vertices for which `damaged` is true, their faces, and the vertices that lose all their faces. Returns the remaining mesh,
+/// whose vertices and faces keep their order. Also returns, for each remaining vertex, whether one of its faces was removed.
 ///
 /// # Errors
 /// Does not fail for a valid mesh.
@@ -88,7 +88,7 @@ pub(crate) fn cut(mesh: &Mesh, damaged: &[bool]) -> Result<(Mesh, Vec<bool>), Me
         }
         first += face.len() as u32;
     }
-    // A vertex that had no face before the cut stays.
+    // Keep a vertex that had no face before the cut.
     let stays = |&vertex: &u32| {
         let vertex = vertex as usize;
         !damaged[vertex] && (used[vertex] || !lost[vertex])

@@ -1,4 +1,4 @@
-//! The data around the holes to fill: the one-rings of the rim vertices.
+//! The input mesh around the holes to fill: the triangles at the vertices of each hole's rim.
 
 use std::collections::BTreeMap;
 
@@ -8,12 +8,12 @@ use nalgebra::{Point3, Vector3};
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::{NONE, area_vector};
 
-/// The data's triangles around each rim vertex.
+/// The triangles of the input mesh around each vertex on the rim of a hole.
 pub(crate) struct OneRings {
-    /// For each vertex of the mesh, its index in `triangles` and `shared`; [`NONE`] if the vertex is not on a rim.
+    /// For each vertex of the mesh, its index in `triangles` and `shared`; [`NONE`] if the vertex is not on the rim of a hole.
     indices: Vec<u32>,
     triangles: Lists<[u32; 3]>,
-    /// For each rim vertex, the number of rims that contain it.
+    /// For each rim vertex, the number of hole rims that contain it.
     shared: Vec<u8>,
 }
 
@@ -44,33 +44,33 @@ impl OneRings {
         Self { indices: places, triangles, shared }
     }
 
-    /// The data's triangles around a rim vertex.
+    /// Returns the triangles of the input mesh around a vertex on the rim of a hole.
     pub(crate) fn triangles_around(&self, vertex: u32) -> &[[u32; 3]] {
         self.triangles.list(self.indices[vertex as usize] as usize)
     }
 
-    /// Returns true if a vertex is on several rims.
+    /// Returns true if a vertex is on the rims of several holes.
     fn is_shared(&self, vertex: u32) -> bool {
         self.shared[self.indices[vertex as usize] as usize] > 1
     }
 }
 
-/// A rim and the data around it.
+/// The rim (boundary loop) of a hole and the input mesh around it.
 pub(crate) struct Rim {
-    /// The rim vertices, in the direction of the faces that will fill the rim.
+    /// The vertices of the rim, in the order in which the faces that will fill the hole run along it.
     pub(crate) vertices: Vec<u32>,
     pub(crate) points: Vec<Point3<f64>>,
-    /// For each rim edge, the unit normal of the data's triangle at the edge; zero if no such triangle exists. Edge `k` runs from vertex
+    /// For each rim edge, the unit normal of the input triangle at the edge; zero if there is no such triangle. Edge `k` runs from vertex
     /// `k` to the next.
     pub(crate) normals: Vec<Vector3<f64>>,
-    /// For each rim vertex, the mean length of the data's edges at the vertex.
+    /// For each rim vertex, the mean length of the input mesh's edges at the vertex.
     pub(crate) lengths: Vec<f64>,
-    /// The data's vertices next to the rim; in `triangles` they follow the rim vertices.
+    /// The input vertices that share a triangle with a rim vertex but are not on the rim.
     pub(crate) ring: Vec<Point3<f64>>,
-    /// The data's triangles at the rim. Corners are indices into `points` followed by `ring`.
+    /// The input triangles that touch the rim. Corners are indices into `points` followed by `ring`.
     pub(crate) triangles: Vec<[u32; 3]>,
-    /// For each rim vertex, the indices of the rim vertices to which the mesh already has an edge or may get one from another fill. The two
-    /// neighbors on the rim are not listed.
+    /// For each rim vertex, the indices of the rim vertices to which the mesh already has an edge, or may get one when another hole is
+    /// filled. The two neighbors along the rim are not listed.
     connected: Vec<Vec<u32>>,
 }
 
@@ -97,7 +97,7 @@ impl Rim {
             let (after, before) = (vertices[(k + 1) % count], vertices[(k + count - 1) % count]);
             let one_ring = one_rings.triangles_around(vertex);
             let beyond = one_ring.iter().find(|face| {
-                // In the data's triangle, the edge runs opposite to the rim.
+                // In the input triangle, the edge runs opposite to the rim.
                 (0..3).any(|i| face[i] == after && face[(i + 1) % 3] == vertex)
             });
             let normal = beyond.map(|&face| area_vector(filling.corners(face)));
@@ -130,7 +130,7 @@ impl Rim {
         rim.ring = ring.iter().map(|&vertex| filling.point(vertex)).collect();
         for &vertex in vertices {
             for face in one_rings.triangles_around(vertex) {
-                // A triangle that touches several rim vertices is added once, for the lowest of them.
+                // Add a triangle that touches several rim vertices once, for the lowest of them.
                 let lowest = face.iter().filter(|&corner| indices.contains_key(corner)).min();
                 if lowest == Some(&vertex) {
                     rim.triangles.push(face.map(|vertex: u32| match indices.get(&vertex) {

@@ -1,4 +1,4 @@
-//! Finds the rims of a mesh: its border, cut into loops that visit no vertex twice.
+//! Finds the rims of a mesh: its border, split into loops that visit no vertex twice.
 
 use std::fmt::{self, Display, Formatter};
 
@@ -64,7 +64,8 @@ pub(crate) fn rims(mesh: &Mesh) -> Result<Vec<Vec<u32>>, NotManifold> {
 /// The faces around each vertex. A face is given by its corner at the vertex.
 struct VertexFaces<'a> {
     corners: &'a [u32],
-    /// For each corner, the next and the previous corner of its face. `None` if all faces are triangles, where both follow from the index.
+    /// For each corner, the next and the previous corner of its face. `None` if all faces are triangles: then both follow from the corner's
+    /// index.
     beside: Option<Vec<[u32; 2]>>,
     /// The corners at each vertex.
     by_vertex: Lists,
@@ -115,7 +116,7 @@ impl<'a> VertexFaces<'a> {
         }
     }
 
-    /// Returns the corners, in ascending order, at which an edge with only one face begins.
+    /// Returns the corners, in ascending order, that start a border edge: an edge with only one face.
     fn border(&self) -> Result<Vec<u32>, NotManifold> {
         let vertices = 0..self.by_vertex.len() as u32;
         let blocks = vertices.into_par_iter().with_min_len(BLOCK_SIZE);
@@ -136,7 +137,7 @@ impl<'a> VertexFaces<'a> {
         edges.sort_unstable();
         edges.dedup();
         edges.truncate(MAX_LISTED);
-        // Where edges have too many faces, the fans around their ends are not well defined and are not reported.
+        // If an edge has too many faces, the face fans at its ends are not well defined. Report only the edges then.
         vertices.truncate(if edges.is_empty() { MAX_LISTED } else { 0 });
         Err(NotManifold { edges, vertices })
     }
@@ -190,14 +191,14 @@ fn is_closed(spokes: &[Spoke]) -> bool {
 }
 
 /// Returns true if the faces at a vertex form several fans, one of them closed: then no fill can make the vertex manifold. Each face is
-/// given by its vertices after and before the center vertex; faces are sorted.
+/// given by its vertices after and before the center vertex. Faces must be sorted.
 pub(crate) fn has_closed_fan_beside_others(spokes: &[[u32; 2]]) -> bool {
     let mut met = vec![false; spokes.len()];
     fn walk(start: usize, met: &mut [bool], spokes: &[[u32; 2]]) {
         let mut at = start;
         loop {
             met[at] = true;
-            // Look up the face on the other side of the edge to the previous vertex.
+            // Find the face on the other side of the edge to the previous vertex.
             match spokes.binary_search_by_key(&spokes[at][1], |spoke| spoke[0]) {
                 Ok(next) if met[next] => return,
                 Ok(next) => at = next,
@@ -238,7 +239,7 @@ struct BorderWalk<'a> {
     mesh: &'a Mesh,
     newest: Vec<u32>,
     edges: Vec<BorderEdge>,
-    /// The index of each vertex on the current path; [`NONE`] if it is not on the path.
+    /// The position of each vertex on the current path; [`NONE`] if the vertex is not on the path.
     path_indices: Vec<u32>,
 }
 
@@ -261,8 +262,8 @@ impl BorderWalk<'_> {
         self.unused_edges(vertex).last()
     }
 
-    /// Walks along the border from `start` until it returns to `start`. Whenever a vertex is reached again, the edges since its last visit
-    /// are split off as a rim.
+    /// Walks along the border from `start` until the walk returns to `start`. When the walk reaches a vertex of its path again, the part of
+    /// the path since the last visit becomes a rim.
     fn follow(&mut self, start: u32, first: u32, rims: &mut Vec<Vec<u32>>) {
         let mut path = vec![start];
         self.path_indices[start as usize] = 0;
@@ -286,8 +287,8 @@ impl BorderWalk<'_> {
         }
     }
 
-    /// Returns the border edge that continues the walk at vertex `at`. If several face fans touch there, each gap between fans is a
-    /// separate hole: edges of other fans are preferred, and among them the edge with the smallest angle to the edge `at`-`from`.
+    /// Returns the border edge that continues the walk at vertex `at`. If several face fans touch at `at`, each gap between fans is a
+    /// separate hole. So edges of other fans are preferred, and among them the edge with the smallest angle to the edge `at`-`from`.
     fn next_edge(&self, from: u32, at: u32) -> Option<u32> {
         let mut edges = self.unused_edges(at);
         let first = edges.next()?;
@@ -302,8 +303,8 @@ impl BorderWalk<'_> {
         Some(best.1)
     }
 
-    /// Rates a border edge as continuation of a walk from `from` to `at`. Returns whether the edge belongs to another face fan, and the
-    /// cosine of its angle to the edge `at`-`from`.
+    /// Rates a border edge as continuation of a walk from `from` to `at`. Returns whether `edge` belongs to another face fan than the edge
+    /// `from`-`at`, and the cosine of the angle between `edge` and the edge `at`-`from`.
     fn preference(&self, from: u32, at: u32, edge: u32) -> (bool, f64) {
         let to = self.edges[edge as usize].to;
         let origin = position(self.mesh, at);
@@ -312,7 +313,7 @@ impl BorderWalk<'_> {
         (!self.is_same_fan(from, at, to), ahead.dot(&back))
     }
 
-    /// Returns true if the border edges `from`-`at` and `at`-`to` are the two sides of one face fan around `at`.
+    /// Returns true if the border edges `from`-`at` and `at`-`to` are the two border edges of one face fan around `at`.
     fn is_same_fan(&self, from: u32, at: u32, to: u32) -> bool {
         // Walk through the fan from the edge `from`-`at`, face by face in both directions.
         let faces: Vec<[u32; 2]> = spokes(self.mesh.faces(), at);
@@ -343,7 +344,7 @@ fn spokes(faces: &Faces, vertex: u32) -> Vec<[u32; 2]> {
     spokes.collect()
 }
 
-/// Returns the vector area that a rim encloses: half the sum of the cross products along it.
+/// Returns the vector area that a rim (boundary loop) encloses: half the sum of the cross products along the rim.
 pub(crate) fn vector_area(mesh: &Mesh, rim: &[u32]) -> Vector3<f64> {
     let Some(&first) = rim.first() else { return Vector3::zeros() };
     let origin = position(mesh, first);

@@ -1,8 +1,8 @@
-//! A plane or paraboloid fitted to data and extrapolated beyond it.
+//! A plane or paraboloid fitted to a part of a surface. It extrapolates this part into a hole.
 
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 
-/// A plane or paraboloid fitted to data: `height = q(u, v)` over a local frame. It extrapolates the data.
+/// A plane or paraboloid fitted to points: `height = q(u, v)` over a local frame. It extrapolates the surface on which the points are.
 #[derive(Clone, Debug)]
 pub(crate) struct Chart {
     origin: Point3<f64>,
@@ -12,8 +12,8 @@ pub(crate) struct Chart {
 }
 
 impl Chart {
-    /// Returns the approximate signed distance of a point from the surface, negative below it, and the surface normal at the foot point of
-    /// `point`, the nearest surface point.
+    /// Returns the approximate signed distance of a point from the surface, negative below the surface. Also returns the surface normal at
+    /// the surface point nearest to `point`.
     pub(crate) fn distance(&self, point: Point3<f64>) -> (f64, Vector3<f64>) {
         let offset = point - self.origin;
         let [u, v, height] = self.frame.map(|axis| axis.dot(&offset));
@@ -25,8 +25,8 @@ impl Chart {
         ((height - q) / size, (z - x * slope_u - y * slope_v) / size)
     }
 
-    /// Fits a plane, or else a paraboloid, to points. Returns `None` if the points deviate from both by more than `tolerance` (root mean
-    /// square).
+    /// Fits a plane to points, or a paraboloid if no plane fits. Returns `None` if the points deviate from both by more than `tolerance`
+    /// (root mean square).
     pub(crate) fn fit(
         points: &[Point3<f64>],
         normal: Vector3<f64>,
@@ -36,7 +36,7 @@ impl Chart {
         let origin = Point3::from(sum / points.len() as f64);
         let across = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).try_normalize(0.0)?;
         let frame = [across, normal.cross(&across), normal];
-        // Lengths are divided by the size of the segment, which keeps the equations well scaled.
+        // Divide lengths by the maximum distance of a point from the origin, which keeps the equations well scaled.
         let size = points.iter().map(|point| (point - origin).norm()).fold(0.0, f64::max);
         if size == 0.0 {
             return None;
@@ -54,7 +54,7 @@ impl Chart {
             let scales = [size, 1.0, 1.0, 1.0 / size, 1.0 / size, 1.0 / size];
             let chart =
                 Self { origin, frame, coefficients: std::array::from_fn(|k| x[k] * scales[k]) };
-            // A surface with as many coefficients as there are points fits any points, so only the points in excess count.
+            // A surface with as many coefficients as there are points fits all of them exactly, so count only the points in excess.
             let free = points.len() as f64 - terms as f64;
             let misfit = chart.misfit(points) * (points.len() as f64 / free.max(0.0)).sqrt();
             (misfit <= tolerance).then_some(chart)

@@ -1,5 +1,5 @@
-//! The smooth segments of the data around a hole, which meet in creases. Each is a plane or a paraboloid that is extrapolated into the
-//! hole.
+//! The smooth segments of the surface around a hole, which meet in creases. Each segment is approximated by a plane or paraboloid, which is
+//! extrapolated into the hole.
 
 use maquette_base::topology::union_find::UnionFind;
 use nalgebra::{Point3, Vector3};
@@ -10,36 +10,36 @@ use crate::border::rim::Rim;
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::{NONE, area_vector};
 
-/// Number of rows of faces around the rim that are divided into segments. With fewer rows, creases or planes are found by chance; with
-/// more, a segment that bends farther out is no longer a plane.
+/// Number of rows of faces around the hole that are divided into segments. With fewer rows, creases or planes are found by chance. With
+/// more, a plane is not recognized if it bends farther from the hole.
 const ROWS: usize = 6;
 
 /// Cosines of the crease angles to try in turn: 25, 17 and 11 degrees. An edge whose faces meet at a larger angle is a crease. With smaller
 /// angles, the facets of a curved scan would count as segments; with larger ones, the corners of bevels are missed. If noise makes a gap in
-/// a crease, the segments on its two sides are joined and fit no common surface; then the next angle is tried.
+/// a crease, the segments on its two sides are joined and no common surface fits them; then the next angle is tried.
 const SHARP_COSINES: [f64; 3] = [0.9063077870366499, 0.9563047559630354, 0.981627183447664];
 
 /// Cosine of the minimum angle, 20 degrees, between two segments found by surface fitting that meet in a crease. Paraboloids fitted to
 /// parts of one smooth surface meet at smaller angles.
 const FACET_COSINE: f64 = 0.9396926207859084;
 
-/// Minimum number of rim edges of a segment; smaller segments are ignored.
+/// Minimum number of edges that a segment must have on the hole's rim; smaller segments are ignored.
 const MIN_EDGES: usize = 3;
 
-/// Minimum area of a face divided by the mean area; smaller faces belong to no segment.
+/// Minimum area of a face divided by the mean face area; smaller faces belong to no segment.
 const MIN_AREA: f64 = 0.15;
 
-/// Maximum root mean square distance of a segment's vertices from its surface, in edge lengths.
+/// Maximum root mean square distance of a segment's vertices from the segment's plane or paraboloid, in edge lengths.
 const MAX_MISFIT: f64 = 0.12;
 
-/// Minimum ratio of the mean bending at edges between segments to the mean bending at edges inside segments, both measured on smoothed
+/// Minimum ratio of the mean bending at edges between segments to the mean bending at edges inside segments. Both are measured on smoothed
 /// normals.
 const MIN_BEND_RATIO: f64 = 4.0;
 
 /// Maximum number of segments: a set of segments is stored in the bits of a `u32`.
 const MAX_SEGMENTS: usize = 32;
 
-/// The way in which the segments around a hole meet.
+/// The way in which the smooth segments around a hole meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum CreaseKind {
     /// Segments meet like the faces of a cube seen from outside.
@@ -50,23 +50,23 @@ pub(crate) enum CreaseKind {
     Mixed,
 }
 
-/// The segments around a hole.
+/// The smooth segments of the surface around a hole.
 pub(crate) struct Charts {
     pub(crate) charts: Vec<Chart>,
-    /// For each rim vertex, the set of segments at it, one bit per segment.
+    /// For each vertex of the hole's rim, the set of segments that contain it, one bit per segment.
     pub(crate) rim_sets: Vec<u32>,
     pub(crate) kind: CreaseKind,
 }
 
 impl Charts {
-    /// Divides the data around a hole into smooth segments. Returns `None` unless there are at least two segments that together contain the
-    /// whole rim.
+    /// Divides the surface around a hole into smooth segments. Returns `None` if there are fewer than two segments, or if they do not
+    /// contain the whole rim.
     pub(crate) fn find(filling: &Filling, rim: &Rim) -> Option<Self> {
         let faces = rim_band(filling, rim);
         let areas: Vec<Vector3<f64>> =
             faces.iter().map(|&face| area_vector(filling.corners(face))).collect();
         let mean = areas.iter().map(|area| area.norm()).sum::<f64>() / areas.len() as f64;
-        // Tiny faces are left out: noise gives them arbitrary normals, which would connect unrelated segments.
+        // Leave out tiny faces: noise gives them arbitrary normals, which would connect unrelated segments.
         let mut neighbors = adjacent_faces(&faces);
         neighbors
             .retain(|pair| pair.iter().all(|face| areas[*face as usize].norm() > MIN_AREA * mean));
@@ -93,7 +93,7 @@ impl Charts {
         })
     }
 
-    /// Returns true if segments that meet at the rim do so at an angle.
+    /// Returns true if the segments that meet at a rim vertex do so at an angle of more than 20 degrees, at each such vertex.
     fn are_facets(&self, rim: &Rim) -> bool {
         (0..rim.len()).filter(|&k| self.rim_sets[k].count_ones() == 2).all(|k| {
             let set = self.rim_sets[k];
@@ -109,7 +109,7 @@ impl Charts {
         faces: &[[u32; 3]],
         segments: &[u32],
     ) -> Option<Self> {
-        // Lists all sides of faces with the segment of their face; the rim's edges are looked up among them.
+        // List all sides of faces, each with the segment of the face, to look up the rim's edges.
         let mut edges: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * faces.len());
         for (face, &segment) in faces.iter().zip(segments) {
             edges.extend((0..3).map(|k| ([face[k], face[(k + 1) % 3]], segment)));
@@ -163,7 +163,7 @@ impl Charts {
     }
 }
 
-/// Gives each rim vertex without a segment the set of segments of the vertex before it.
+/// Gives each rim vertex without a segment the set of segments of the preceding rim vertex.
 fn fill_gaps(sets: &mut [u32]) {
     let Some(start) = sets.iter().position(|&set| set != 0) else { return };
     for k in 1..=sets.len() {
@@ -174,9 +174,9 @@ fn fill_gaps(sets: &mut [u32]) {
     }
 }
 
-/// If the rim runs along a crease, the data at a rim vertex may belong to only one of the two segments that meet in the crease, while the
-/// fill continues the other one. Therefore a rim vertex next to a vertex of both segments is added to both segments, if it is within
-/// `tolerance` of both surfaces.
+/// Adds segments to rim vertices next to a crease. If the rim runs along a crease, the input faces at a rim vertex may belong to only one
+/// of the two segments that meet in the crease; the fill continues the other segment. So a rim vertex next to a vertex of both segments is
+/// added to both, if it is within `tolerance` of both surfaces.
 fn follow_creases(sets: &mut [u32], charts: &[Chart], points: &[Point3<f64>], tolerance: f64) {
     let count = sets.len();
     let forth = (0..2 * count).map(|k| (k % count, (k + 1) % count));
@@ -194,7 +194,7 @@ fn follow_creases(sets: &mut [u32], charts: &[Chart], points: &[Point3<f64>], to
     }
 }
 
-/// Returns the data's faces within [`ROWS`] rows around a rim.
+/// Returns the input faces within [`ROWS`] rows around the rim of a hole.
 fn rim_band(filling: &Filling, rim: &Rim) -> Vec<[u32; 3]> {
     let mut is_near = vec![false; filling.n_data_vertices];
     rim.vertices.iter().for_each(|&vertex| is_near[vertex as usize] = true);
@@ -224,14 +224,14 @@ fn adjacent_faces(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
     pairs.map(|pair| [pair[0].1, pair[1].1]).collect()
 }
 
-/// Number of smoothing steps. With this number, a few rows of faces contribute to each normal.
+/// Number of smoothing steps applied to face normals. With 5 steps, faces up to a few rows away contribute to each normal.
 const SMOOTHING_STEPS: usize = 5;
 
-/// Length of the difference between two normals at which their mutual weight is `exp(-1/2)`: about 12 degrees. Differences caused by noise
-/// are smaller, those at creases are larger.
+/// Standard deviation of the Gaussian weight of one face normal in the mean at another, as length of the difference of the two normals:
+/// about 12 degrees. Differences caused by noise are smaller, those at creases are larger.
 const NORMAL_DIFFERENCE: f64 = 0.2;
 
-/// Removes noise from face normals but keeps creases: each normal becomes the mean of similar normals of adjacent faces.
+/// Removes noise from face normals but keeps creases: each normal becomes the weighted mean of similar normals of adjacent faces.
 ///
 /// Jones, Durand and Desbrun, "Non-iterative, feature-preserving mesh smoothing" (2003), applied to normals only.
 fn smooth_normals(areas: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> Vec<Vector3<f64>> {
@@ -254,7 +254,7 @@ fn smooth_normals(areas: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> Vec<Vector3
     normals
 }
 
-/// Returns the segment number of each face. Adjacent faces are in one smooth segment if the cosine of their angle exceeds `sharp`.
+/// Returns the segment number of each face. Adjacent faces are in the same smooth segment if the cosine of their angle exceeds `sharp`.
 fn smooth_segments(normals: &[Vector3<f64>], neighbors: &[[u32; 2]], sharp: f64) -> Vec<u32> {
     let mut segments = UnionFind::new(normals.len());
     for &[a, b] in neighbors {
@@ -265,8 +265,8 @@ fn smooth_segments(normals: &[Vector3<f64>], neighbors: &[[u32; 2]], sharp: f64)
     (0..normals.len() as u32).map(|face| segments.find(face)).collect()
 }
 
-/// Returns true if the surface bends between segments and much less inside them. The bumps of a relief also fit paraboloids, but a relief
-/// bends everywhere.
+/// Returns true if the surface bends much more between segments than inside them. This excludes reliefs: paraboloids fit their bumps too,
+/// but a relief bends everywhere.
 fn bend_in_creases(segments: &[u32], normals: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> bool {
     let (mut within, mut between) = ((0.0, 0.0), (0.0, 0.0));
     for &[a, b] in neighbors {
@@ -279,7 +279,7 @@ fn bend_in_creases(segments: &[u32], normals: &[Vector3<f64>], neighbors: &[[u32
     between.1 == 0.0 || MIN_BEND_RATIO * within.0 * between.1 < between.0 * within.1
 }
 
-/// Returns how segments meet: convexly if each is below the surfaces of the others.
+/// Returns the way in which segments meet: convexly if each segment is below the surfaces fitted to its neighbors.
 fn crease_kind(charts: &[Chart], members: &[Vec<Point3<f64>>]) -> CreaseKind {
     let (mut below, mut above) = (0, 0);
     for (a, chart) in charts.iter().enumerate() {

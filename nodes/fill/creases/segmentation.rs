@@ -1,9 +1,9 @@
-//! Segments the data around a hole into the largest regions that fit a plane or a paraboloid.
+//! Divides the surface around a hole into the largest regions that fit a plane or a paraboloid.
 //!
-//! If faces are about equal in size and shape, dihedral angles are enough to find creases. Noise makes gaps in creases, through which
-//! unrelated regions grow together. So this module does not classify single edges: it merges small flat pieces, the best fitting pair
-//! first, as long as one surface fits both. A smooth surface is divided too, but its segments meet without an angle; the angle
-//! distinguishes them from the facets of a creased surface.
+//! Dihedral angles alone find creases only if faces are about equal in size and shape. Noise makes gaps in creases, and unrelated regions
+//! would grow together through these gaps. So this module does not classify single edges: it merges small flat pieces, the best fitting
+//! pair first, as long as one surface fits both. A smooth surface is divided too, but its segments meet without an angle, unlike the facets
+//! of a creased surface.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,11 +15,11 @@ use crate::triangles::triangulation::NONE;
 /// Cosine of the maximum angle, 12 degrees, between a face and the flat piece to which it is added.
 const FLAT_COSINE: f64 = 0.9781476007338057;
 
-/// Maximum misfit of the smaller of two segments to the surface fitted to both, in units of the tolerance for all vertices. Without this
-/// limit a small segment would vanish in a large one.
+/// Maximum misfit of the smaller of two merged segments to their common surface, as a multiple of the tolerance for all vertices. Without
+/// this limit, a large segment would absorb small ones that do not fit.
 const MAX_SMALLER_MISFIT: f64 = 1.5;
 
-/// The band of data around a hole.
+/// The band of faces around a hole.
 pub(crate) struct Band<'a> {
     pub(crate) points: &'a [Point3<f64>],
     pub(crate) faces: &'a [[u32; 3]],
@@ -31,7 +31,8 @@ pub(crate) struct Band<'a> {
     pub(crate) neighbors: &'a [[u32; 2]],
 }
 
-/// Returns the segment number of each face. `tolerance` is the maximum root mean square distance of a segment's vertices from its surface.
+/// Returns the segment number of each face. `tolerance` is the maximum root mean square distance of a segment's vertices from the plane or
+/// paraboloid fitted to them.
 pub(crate) fn segment(band: &Band<'_>, tolerance: f64) -> Vec<u32> {
     let mut numbers = pieces(band);
     let mut faces: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
@@ -55,22 +56,22 @@ pub(crate) fn segment(band: &Band<'_>, tolerance: f64) -> Vec<u32> {
     numbers
 }
 
-/// Connected faces that fit one surface.
+/// Connected faces that fit one plane or paraboloid.
 struct Segment {
     faces: Vec<u32>,
     vertices: Vec<Point3<f64>>,
     area: Vector3<f64>,
-    /// The adjacent segments. For each of them, the misfit of one surface to the union of both segments; infinite if it is too large.
+    /// The adjacent segments, each with the misfit of one surface fitted to both segments; infinite if that misfit is too large.
     adjacent: BTreeMap<u32, f64>,
 }
 
-/// The segments by number, and a queue of the pairs that can be merged.
+/// The segments, keyed by number, and a queue of the pairs that can be merged.
 struct Merging<'a> {
     band: &'a Band<'a>,
     tolerance: f64,
     segments: BTreeMap<u32, Segment>,
-    /// The pairs, ordered by misfit with the best first. Misfits are stored as bits: the bits of nonnegative numbers have the order of the
-    /// numbers.
+    /// The pairs of segments, best fit first. A misfit is stored as the bits of its `f64`: for nonnegative numbers, bits sort in the order
+    /// of the numbers.
     queue: BTreeSet<(u64, [u32; 2])>,
 }
 
@@ -110,14 +111,15 @@ impl Merging<'_> {
     }
 }
 
-/// Finds flat pieces by region growing. Each seed is the remaining face that is most similar to its neighbors.
+/// Finds flat pieces by region growing. Each seed is the face, among those not yet assigned, whose normal differs least from its neighbors'
+/// normals.
 fn pieces(band: &Band<'_>) -> Vec<u32> {
     let mut beside: Vec<Vec<u32>> = vec![Vec::new(); band.faces.len()];
     for &[a, b] in band.neighbors {
         beside[a as usize].push(b);
         beside[b as usize].push(a);
     }
-    // Sort the faces by the minimum cosine of the angles between the face and its neighbors.
+    // Sort the faces by the minimum cosine of the angles between a face and its neighbors.
     let mut seeds: Vec<(f64, u32)> = (0..)
         .zip(&beside)
         .map(|(face, others)| {
@@ -163,7 +165,8 @@ impl Band<'_> {
     }
 }
 
-/// Returns the root mean square distance of the vertices of two segments from the surface fitted to both; infinite if it is too large.
+/// Returns the root mean square distance of the vertices of two segments from the surface fitted to both; infinite if it exceeds the
+/// tolerance.
 fn misfit(a: &Segment, b: &Segment, tolerance: f64) -> f64 {
     let both = [&a.vertices[..], &b.vertices[..]].concat();
     let chart = (a.area + b.area)

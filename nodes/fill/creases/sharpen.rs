@@ -1,8 +1,8 @@
-//! Extends the smooth segments around a hole until they meet in creases, and connects the creases across the hole.
+//! Extends the smooth segments of the surface around a hole until they meet in creases, and connects the creases across the hole.
 //!
 //! Each vertex of a smooth fill is assigned to the nearest segment. An edge between two segments is split at the crease between them, or at
-//! the corner where three meet. Then vertices slide along their segments, and crease vertices along the creases. Each crease ends at the
-//! rim where a crease of the data ends.
+//! the corner where three meet. Then vertices slide along their segments, and crease vertices along the creases. At the hole's rim, each
+//! crease meets a crease of the input surface.
 
 use maquette_node::{CancelledError, Progress};
 use nalgebra::{Point3, Vector3};
@@ -15,23 +15,24 @@ use crate::triangles::triangulation::{
     NONE, Triangulation, area_vector, cotangent, next, previous,
 };
 
-/// Numbers of rounds to try one after the other. In each round, before creases are cut, vertices slide and are projected to their surfaces.
-/// If some faces are folded in the end, the next number is tried: after other numbers of rounds, creases cross other edges.
+/// Numbers of smoothing rounds to try in turn. In each round, vertices slide and are projected to their surfaces; after the last round,
+/// edges are split at creases. If some faces are folded in the end, the next number is tried, because creases then cross other edges.
 const ROUND_COUNTS: [usize; 6] = [12, 4, 24, 8, 16, 2];
 
-/// Minimum and maximum number of rounds after creases are cut. Once the minimum is reached, the rounds end when no face is folded.
+/// Minimum and maximum number of smoothing rounds after edges are split at creases. Once the minimum is reached, the rounds end when no
+/// face is folded.
 const MIN_ROUNDS_AFTER: usize = 6;
 const MAX_ROUNDS_AFTER: usize = 30;
 
-/// An edge shorter than this multiple of its target length is collapsed where creases allow it.
+/// An edge shorter than this multiple of its target length is collapsed, unless that would damage a crease.
 const SHORT_RATIO: f64 = 0.6;
 
-/// Maximum displacement of a vertex, in units of the maximum distance of the rim from its centroid. Segments that meet farther out are
-/// parts of different shapes.
+/// Maximum displacement of a vertex, as a multiple of the maximum distance between a rim vertex and the rim's centroid. Segments that meet
+/// farther away are parts of different shapes.
 const MAX_DISPLACEMENT: f64 = 1.0;
 
-/// Returns `triangulation`, a smooth fill, with the data's creases extended across it; `None` if no creases end at the rim or they do not
-/// meet.
+/// Returns the smooth fill `triangulation` with the creases of the surrounding surface extended across it. Returns `None` if no crease ends
+/// at the hole's rim or if the creases do not meet.
 ///
 /// # Errors
 /// Returns an error if the evaluation is cancelled.
@@ -88,11 +89,11 @@ pub(crate) fn sharpen(
 struct Sharpening<'a> {
     triangulation: Triangulation,
     charts: &'a Charts,
-    /// For each vertex, the set of segments that contain it, one bit per segment.
+    /// For each vertex, the set of smooth segments that contain it, one bit per segment.
     sets: Vec<u32>,
     rim: &'a Rim,
     sizes: &'a Sizes,
-    /// True once edges are split at the creases; from then on no face may turn over.
+    /// True once edges are split at the creases; from then on, no move may turn a face over.
     is_cut: bool,
 }
 
@@ -109,7 +110,7 @@ impl Sharpening<'_> {
         self.sets[vertex as usize]
     }
 
-    /// Returns the segments that all corners of a face have in common.
+    /// Returns the set of segments that contain all three corners of a face.
     fn face_set(&self, half: u32) -> u32 {
         let first = half / 3 * 3;
         (first..first + 3).fold(u32::MAX, |set, half| {
@@ -117,8 +118,8 @@ impl Sharpening<'_> {
         })
     }
 
-    /// Assigns each inner vertex to one segment: the segment with the largest signed distance if segments meet convexly, the one with the
-    /// smallest signed distance if they meet concavely, otherwise the one with the smallest absolute distance.
+    /// Assigns each inner vertex to one segment. If segments meet convexly, this is the segment with the largest signed distance; if
+    /// concavely, the one with the smallest signed distance; otherwise the one with the smallest absolute distance.
     fn choose_segments(&mut self) {
         for vertex in self.inner_vertices() {
             let point = self.triangulation.points[vertex as usize];
@@ -135,10 +136,11 @@ impl Sharpening<'_> {
         }
     }
 
-    /// Moves a point approximately to the nearest position that is on all surfaces of the set `set`.
+    /// Moves a point approximately to the nearest position that is on the surfaces of all segments in `set`.
     fn project(&self, mut point: Point3<f64>, set: u32) -> Point3<f64> {
         for _ in 0..4 {
-            // Project to one surface after the other until all are met, each time at right angles to the previous steps.
+            // Project to one surface after the other, each time at right angles to the previous steps, so that the point stays on those
+            // surfaces.
             let mut done: Vec<Vector3<f64>> = Vec::new();
             for (_, chart) in (0_u32..).zip(&self.charts.charts).filter(|(k, _)| set >> k & 1 == 1)
             {
@@ -155,7 +157,7 @@ impl Sharpening<'_> {
         point
     }
 
-    /// Relaxes vertices along their segments: each moves halfway to the centroid of its neighbors.
+    /// Moves each inner vertex halfway to the centroid of its neighbors, and projects it to its segments.
     fn slide(&mut self) {
         for vertex in self.inner_vertices() {
             let set = self.vertex_set(vertex);
@@ -191,7 +193,7 @@ impl Sharpening<'_> {
         })
     }
 
-    /// Splits the edges that cross creases: the edges between two different segments.
+    /// Splits the edges that cross creases, that is, whose ends have no segment in common.
     fn split_at_creases(&mut self) {
         for _ in 0..4 {
             let halves: Vec<u32> = self.triangulation.inner_edges().collect();
@@ -217,7 +219,7 @@ impl Sharpening<'_> {
         }
     }
 
-    /// Returns the point between two vertices of different segments that is equally far from both segments.
+    /// Returns the point on the edge between two vertices that is about equally far from the segments of both vertices.
     fn crossing(&self, a: u32, b: u32) -> Point3<f64> {
         let [chart_a, chart_b] = [a, b]
             .map(|vertex| &self.charts.charts[self.vertex_set(vertex).trailing_zeros() as usize]);
@@ -228,7 +230,7 @@ impl Sharpening<'_> {
         pa + (pb - pa) * fraction.clamp(0.1, 0.9)
     }
 
-    /// Collapses each short edge into one of its ends, if that end is on all segments of the other end.
+    /// Collapses each short edge into one of its ends. That end must be on all segments that contain the other end.
     fn collapse_short(&mut self) {
         let halves: Vec<u32> = self.triangulation.inner_edges().collect();
         for half in halves {
@@ -275,7 +277,7 @@ impl Sharpening<'_> {
         keeps
     }
 
-    /// Returns true if a triangle has the orientation of the segments that contain it.
+    /// Returns true if a triangle has the orientation of the segments in `set`, which contain it.
     fn is_upright(&self, points: [Point3<f64>; 3], set: u32) -> bool {
         let area = area_vector(points);
         let normal = self.charts.charts[set.trailing_zeros() as usize].distance(points[0]).1;
@@ -318,18 +320,19 @@ impl Sharpening<'_> {
         if !self.is_upright([pa, pd, pc], new[0]) || !self.is_upright([pd, pb, pc], new[1]) {
             return false;
         }
-        // A face that reaches across a crease, and thus is on no segment, is removed first.
+        // A face that spans a crease has no segment that contains all its corners. Flip its edge, whatever the angles are.
         if on_f == 0 || on_g == 0 {
             return !self.is_edge(c, d);
         }
         !is_crease && cotangent(pc, pa, pb) + cotangent(pd, pa, pb) < -1e-9 && !self.is_edge(c, d)
     }
 
-    /// Returns true if the fill or the data has an edge between two vertices, or if the data may get one from another fill.
+    /// Returns true if the fill or the input mesh has an edge between two vertices, or if the input mesh may get one when another hole is
+    /// filled.
     fn is_edge(&self, c: u32, d: u32) -> bool {
         let triangulation = &self.triangulation;
         if triangulation.is_rim(c) && triangulation.is_rim(d) {
-            // The faces around a rim vertex do not form a closed ring, so all half-edges are searched.
+            // The faces of the fill around a rim vertex do not form a closed ring, so search all half-edges.
             let ends = (0..triangulation.corners.len() as u32)
                 .filter(|&half| triangulation.is_alive(half));
             return self.rim.is_taken(c as usize, d as usize)
@@ -341,7 +344,7 @@ impl Sharpening<'_> {
         triangulation.halves_around(inner).any(|half| triangulation.ends(half)[1] == other)
     }
 
-    /// The number of faces that are on no segment or have the wrong orientation.
+    /// Returns the number of faces that have no segment common to all corners, or whose orientation is wrong.
     fn count_folded(&self) -> usize {
         let faces = (0..self.triangulation.corners.len() as u32).step_by(3);
         faces
@@ -356,7 +359,7 @@ impl Sharpening<'_> {
             .count()
     }
 
-    /// Returns true if no vertex is farther than allowed from its position in `start`.
+    /// Returns true if each inner vertex is within the allowed distance of its position in `start`.
     fn is_near(&self, start: &Triangulation, rim: &Rim) -> bool {
         let sum: Vector3<f64> = rim.points.iter().map(|point| point.coords).sum();
         let middle = Point3::from(sum / rim.len() as f64);

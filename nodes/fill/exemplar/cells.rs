@@ -1,4 +1,4 @@
-//! Divides the missing vertices into cells; all vertices of a cell copy from one exemplar.
+//! Divides the vertices of a fill into cells; all vertices of a cell copy from one exemplar (a patch of the input surface).
 
 use nalgebra::Point3;
 
@@ -6,12 +6,13 @@ use super::level::Outcome;
 use super::patches::thin;
 use super::surface::{NONE, Surface};
 
-/// Distance between the centers of cells, in edge lengths of the data. In smaller cells, the detail copied to neighboring vertices does not
-/// fit together. In larger cells, vertices copy from far outside the middle of a patch, where the exemplar fits least.
+/// Minimum distance between the centers of cells, in edge lengths of the input mesh. In smaller cells, the detail copied to neighboring
+/// vertices does not fit together. In larger cells, vertices copy far from the center of a patch, where the exemplar fits least.
 const MIN_DISTANCE: f64 = 2.5;
 
-/// Returns, for each missing vertex, the patch whose exemplar the vertex copies: the patch in the center of the vertex's cell. Cell centers
-/// are the patches with the best matches, and neighboring vertices copy from one exemplar. [`NONE`] for a vertex without a match.
+/// Returns, for each vertex of the fill, the index of the patch whose exemplar the vertex copies: the patch at the center of the vertex's
+/// cell. Cell centers are the patches with the best matches, so that neighboring vertices copy from one exemplar. [`NONE`] for a vertex
+/// without a match.
 pub(super) fn cells(
     surface: &Surface<'_>,
     points: &[Point3<f64>],

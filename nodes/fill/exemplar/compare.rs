@@ -1,42 +1,42 @@
-//! Measures the similarity of a patch and an exemplar.
+//! Measures the similarity of a patch of the fill and an exemplar (a patch of the input surface).
 
 use maquette_value::simd::{Kernel, widest};
 
 use super::frame::Orientation;
 use super::heights::{LANES, Sample, View};
 
-/// A plane under a patch in the patch's frame: the height in the middle, and its change per radius along `x` and `y`.
+/// A plane over a patch, in the patch's frame: the height at the center, and the change of height per patch radius along `x` and `y`.
 pub(super) type Plane = [f64; 3];
 
-/// The samples of a patch, prepared for aligning exemplars with them.
+/// The samples of a patch, prepared for aligning exemplars (patches of the input surface) with them.
 #[derive(Default)]
 pub(super) struct PatchSamples {
     pub(super) samples: Vec<Sample>,
-    /// The samples' positions over the plane of the frame, in patch radii.
+    /// The positions of the samples in the plane of the patch's frame, in patch radii.
     positions: Vec<[f64; 2]>,
     radius: f64,
-    /// For each stage of a comparison, the number of samples compared up to the end of the stage, and the precomputed fit of planes through
-    /// these samples.
+    /// For each stage of a comparison, the number of samples compared up to the end of the stage, and the precomputed least-squares fit of
+    /// a plane to these samples.
     stages: [(usize, Planes); STAGES],
 }
 
-/// Distance that is assigned to a sample where the exemplar has no surface, in patch radii. The fitted plane ignores such samples.
+/// Distance assigned to a sample at which the exemplar has no surface, in patch radii. The fitted plane ignores such samples.
 const MISSING_DISTANCE: f64 = 0.25;
 
-/// The number of stages of a comparison, which may stop early after each.
+/// The number of stages of a comparison. A comparison may stop after each stage.
 const STAGES: usize = 6;
 
-/// An exemplar aligned with a patch.
+/// An exemplar (a patch of the input surface) aligned with a patch of the fill.
 pub(super) struct Alignment {
     /// The distances from the samples to the exemplar along the samples' normals; NaN where the exemplar has no surface.
     pub(super) distances: Vec<f64>,
-    /// The plane that fits the distances best; it is subtracted from them.
+    /// The plane that fits `distances` best. It must be subtracted from them.
     pub(super) plane: Plane,
 }
 
 impl PatchSamples {
-    /// Prepares the samples for comparisons. If `moves`, each exemplar is shifted and tilted slightly to fit best; otherwise it stays at
-    /// the position given by its frame.
+    /// Prepares the samples for comparisons. If `moves` is true, each exemplar is shifted and tilted slightly to fit best; otherwise it
+    /// stays at the position given by its frame.
     pub(super) fn prepare(&mut self, radius: f64, moves: bool) {
         self.radius = radius;
         self.positions.clear();
@@ -53,15 +53,15 @@ impl PatchSamples {
         }
     }
 
-    /// Computes the samples as seen by exemplars in the given orientation.
+    /// Computes the samples in the coordinates of exemplars that have the given orientation.
     pub(super) fn view(&self, step: f64, orientation: &Orientation, view: &mut Vec<View<LANES>>) {
         view.clear();
         view.extend(self.samples.chunks(LANES).map(|some| View::new(some, step, orientation)));
     }
 
-    /// Returns the mean of the squared distances between the samples, given as `view`, and an exemplar's heights, measured along the
-    /// samples' normals and relative to the best plane between both: Kawai, Sato and Yokoya (2008), equation 2. Samples where the exemplar
-    /// has no surface count as [`MISSING_DISTANCE`]; without that, exemplars with gaps where they fit worst would seem best. Returns
+    /// Returns the mean of the squared distances between the samples, given as `view`, and an exemplar's heights: Kawai, Sato and Yokoya
+    /// (2008), equation 2. Distances are measured along the samples' normals, relative to the plane that fits them best. Samples where the
+    /// exemplar has no surface count as [`MISSING_DISTANCE`]; otherwise exemplars with gaps where they fit worst would seem best. Returns
     /// infinity if the mean exceeds `max_mean`, or if the exemplar has no surface at more than 30 % of the samples.
     #[inline(always)]
     pub(super) fn compare(&self, view: &[View<LANES>], heights: &[f32], max_mean: f64) -> f64 {
@@ -90,7 +90,7 @@ impl PatchSamples {
                 return f64::INFINITY;
             }
         }
-        // At least 70 % of the samples must meet the exemplar's surface.
+        // The exemplar must have a surface at 70 % of the samples or more.
         let met = count - sums.missing as usize;
         if met == 0 || 10 * met < 7 * count {
             return f64::INFINITY;
@@ -99,7 +99,7 @@ impl PatchSamples {
         if mean <= max_mean { mean } else { f64::INFINITY }
     }
 
-    /// Aligns an exemplar with the patch by the best small shift and tilt.
+    /// Aligns an exemplar (a patch of the input surface) with the patch by the best small shift and tilt.
     pub(super) fn align(&self, heights: &[f32], step: f64, orientation: &Orientation) -> Alignment {
         let mut view = Vec::new();
         self.view(step, orientation, &mut view);
@@ -112,7 +112,7 @@ impl PatchSamples {
         Alignment { distances, plane: self.stages[STAGES - 1].1.solve(sums.moments) }
     }
 
-    /// Returns the distances of samples to an exemplar; NaN beyond the exemplar's radius.
+    /// Returns the distances of samples to an exemplar; NaN where the exemplar has no surface or is farther away than its radius.
     #[inline(always)]
     fn distances(&self, view: &View<LANES>, heights: &[f32]) -> [f64; LANES] {
         let mut distances = view.distances(heights);
@@ -163,7 +163,7 @@ impl Sums {
     }
 }
 
-/// The inverse of the normal equations of a least-squares plane through some positions. Only the upper triangle is stored, row by row.
+/// The inverse of the normal equations for fitting a plane to values at given positions. Only the upper triangle is stored, row by row.
 #[derive(Clone, Copy, Default)]
 struct Planes {
     inverse: [f64; 6],
@@ -204,7 +204,7 @@ impl Planes {
         [a * p + b * q + c * r, b * p + d * q + e * r, c * p + e * q + f * r]
     }
 
-    /// Returns the amount by which the sum of squares decreases when the least-squares plane is subtracted.
+    /// Returns the amount by which the sum of the squared values decreases when the least-squares plane is subtracted.
     #[inline(always)]
     fn gain(&self, moments: [f64; 3]) -> f64 {
         let plane = self.solve(moments);

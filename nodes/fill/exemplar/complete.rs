@@ -1,4 +1,4 @@
-//! The completion for `Update::Exact`, with improvements over the published method.
+//! Fills holes with parts of the input surface, for `Update::Exact`, which improves the published method.
 
 use maquette_node::{CancelledError, Progress};
 use maquette_value::TraceStep;
@@ -15,8 +15,8 @@ use super::surface::Surface;
 use super::tints::Color;
 use crate::triangles::filling::Filling;
 
-/// Completes the surface by moving the filled vertices of `filling` to the positions given by their exemplars. The fill must be as dense as
-/// the data and have the positions of the start.
+/// Moves the vertices of the fill to the positions given by their exemplars (patches of the input surface). The fill must be as dense as
+/// the input mesh, and its vertices must have the positions of the initial fill.
 ///
 /// # Errors
 /// Returns an error if the evaluation is cancelled.
@@ -87,7 +87,7 @@ pub(crate) fn complete(
     Ok(completed)
 }
 
-/// Returns the colors scaled to lengths, which are compared like distances: the difference between black and white is `size`.
+/// Returns the colors scaled to lengths, so that they can be compared with distances: the difference between black and white is `size`.
 fn lengths(given: &CompletionInput, size: f64) -> Vec<Color> {
     given.colors.iter().flatten().map(|color| color.map(|channel| channel * size / 100.0)).collect()
 }

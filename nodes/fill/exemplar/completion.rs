@@ -1,4 +1,4 @@
-//! The inputs, the state and the results of a completion.
+//! The inputs, the state and the results of filling holes with parts of the input surface.
 
 use maquette_node::{CancelledError, Progress};
 use maquette_value::TraceStep;
@@ -17,45 +17,45 @@ use super::tints::Color;
 use super::votes::Votes;
 use super::{dihedral_angles, smoothness};
 
-/// The inputs of a completion in addition to the mesh.
+/// The inputs of a completion (filling holes by copying) in addition to the mesh.
 #[derive(Default)]
 pub(crate) struct CompletionInput {
-    /// Marks the data vertices around which exemplars may be; `None` allows all.
+    /// For each input vertex, whether the surface around it may be copied; `None` allows all.
     pub(crate) allowed: Option<Vec<bool>>,
-    /// The colors of all vertices in CIE L*a*b*; the colors of filled vertices are estimated from the rim.
+    /// The colors of all vertices in CIE L*a*b*; the colors of the fill's vertices are estimated from the rims of the holes.
     pub(crate) colors: Option<Vec<[f64; 3]>>,
-    /// Marks the filled vertices of holes whose initial shape extends creases of the data; empty if no hole has any.
+    /// For each vertex of the fill, whether creases are extended across its hole in the initial fill; empty if they are across no hole.
     pub(crate) sharp: Vec<bool>,
 }
 
-/// The result of a completion.
+/// The result of a completion (filling holes by copying).
 pub(crate) struct CompletionResult {
-    /// The iterations that were better than all earlier ones on their level. `rms` is the root of the energy, `max` the root of the largest
-    /// mean squared distance of a patch, both in mm. Values are comparable only within a level.
+    /// The iterations that were better than all earlier ones on the same level. `rms` is the square root of the energy, `max` the square
+    /// root of the largest mean squared distance of a patch, both in mm. Values are comparable only within a level.
     pub(crate) trace: Vec<TraceStep>,
     pub(crate) copies: Copies,
-    /// True if no part of the data can be an exemplar; the start is unchanged then.
+    /// True if no part of the input surface is fit for copying; then the initial fill is returned unchanged.
     pub(crate) no_exemplar: bool,
 }
 
-/// The sources from which a completion copies.
+/// The positions on the input mesh from which a completion copies attributes and textures.
 pub(crate) struct Copies {
-    /// The data vertex that each filled vertex copies; [`u32::MAX`] if none.
+    /// For each vertex of the fill, the input vertex that it copies; [`u32::MAX`] if none.
     pub(crate) exemplar: Vec<u32>,
-    /// The data vertices whose attributes are averaged for each filled vertex.
+    /// The input vertices whose attributes are averaged for each vertex of the fill.
     pub(crate) votes: Votes,
-    /// The part of a picture that each filled face shows.
+    /// For each face of the fill, the part of the texture that it shows.
     pub(crate) sources: Sources,
 }
 
 impl Copies {
-    /// Returns the copies of `count` filled vertices that copy nothing.
+    /// Returns the copies of a fill with `count` vertices that copy nothing.
     pub(crate) fn empty(count: usize) -> Self {
         let (votes, sources) = (Votes::empty(count), Sources::empty());
         Self { exemplar: vec![NONE; count], votes, sources }
     }
 
-    /// Sets the data vertex that each filled vertex copies. The filled vertices have the indices from `data` on.
+    /// Sets the input vertex that each vertex of the fill copies. The vertices of the fill have the indices from `data` on.
     pub(super) fn set_exemplars(&mut self, guides: &[Guide], data: usize) {
         for guide in guides {
             let copied = self.exemplar.get_mut((guide.vertex as usize).wrapping_sub(data));
@@ -66,24 +66,25 @@ impl Copies {
     }
 }
 
-/// Radius within which normals are averaged for a patch's frame, in patch radii. With less, one rough triangle rotates the frame; with
-/// more, frames follow curved surfaces too late.
+/// Radius within which normals are averaged for a patch's frame, in patch radii. With a smaller radius, one rough triangle rotates the
+/// frame. With a larger one, frames do not follow the curvature of the surface.
 pub(crate) const NORMAL_RADIUS: f64 = 0.4;
 
-/// Minimum number of exemplars; a level with fewer is skipped.
+/// Minimum number of exemplars (patches of the input surface to copy from); a level with fewer is skipped.
 pub(crate) const MIN_EXEMPLARS: usize = 32;
 
-/// Maximum number of samples along a patch's radius. With 8, a patch has about 200 samples, whatever distance between samples is requested.
+/// Maximum number of samples along a patch's radius: 8 give about 200 samples per patch. The user's sample distance cannot exceed this
+/// number.
 pub(crate) const MAX_SAMPLES: f64 = 8.0;
 
-/// Only some vertices become samples if the sample distance exceeds this multiple of the edge length.
+/// Multiple of the edge length above which the sample distance makes a level sparse: then only some of the vertices are samples.
 pub(crate) const SPARSE: f64 = 1.3;
 
-/// The value of [`SPARSE`] for [`Update::Published`], in which all vertices move. With less, few vertices of a hole about 7 edges wide move
-/// on the coarsest level; with more, coarse levels of larger holes compare more samples.
+/// The value of [`SPARSE`] for [`Update::Published`], in which all vertices move. With a smaller value, few vertices of a hole about 7
+/// edges wide move on the coarsest level. With a larger one, coarse levels of larger holes compare more samples.
 pub(crate) const SPARSE_PUBLISHED: f64 = 2.0;
 
-/// Returns, for each data vertex, the distance to the nearest missing vertex. Distances greater than `max_distance` are infinite.
+/// Returns, for each input vertex, the distance to the nearest vertex of the fill; infinite if it exceeds `max_distance`.
 pub(crate) fn distances_to_missing(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
@@ -99,8 +100,8 @@ pub(crate) fn distances_to_missing(
         .collect()
 }
 
-/// Returns, for each vertex, twice the sum of the area vectors of its faces. With [`Update::Published`], filled faces do not contribute to
-/// the normals of data vertices, since the start may be a cone.
+/// Returns, for each vertex, twice the sum of the area vectors of its faces. With [`Update::Published`], faces of the fill do not
+/// contribute to input vertices, since the initial fill may be a cone.
 pub(crate) fn vertex_areas(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
@@ -118,7 +119,7 @@ pub(crate) fn vertex_areas(
         .collect()
 }
 
-/// The state of a completion on all levels.
+/// The state of a completion (filling holes by copying) that all levels share.
 pub(crate) struct Completion<'a> {
     pub(super) surface: &'a Surface<'a>,
     pub(super) n_data_vertices: usize,
@@ -128,17 +129,17 @@ pub(crate) struct Completion<'a> {
     /// The colors of all vertices; empty if colors are not compared.
     pub(super) colors: Vec<Color>,
     pub(super) hole: Hole,
-    /// Marks the filled vertices of holes whose initial shape extends creases of the data; empty if no vertex is marked.
+    /// For each vertex of the fill, whether creases are extended across its hole in the initial fill; empty if they are across no hole.
     pub(super) sharp: &'a [bool],
     pub(super) distances: Vec<f64>,
     pub(super) orientations: Orientations,
     /// Twice the sum of the area vectors of the faces around each vertex.
     pub(super) areas: Vec<Vector3<f64>>,
-    /// The matches of the previous level.
+    /// The matches found on the previous, coarser level.
     pub(super) guides: Vec<Guide>,
 }
 
-/// The lengths used on a level.
+/// The lengths used on one level of a completion, from coarse to fine.
 pub(crate) struct LevelSize {
     pub(super) radius: f64,
     /// The distance between the samples of a patch.
@@ -232,7 +233,7 @@ impl Completion<'_> {
         level.run(points, &mut self.areas, &self.guides, progress)
     }
 
-    /// Records the exemplars from which attributes and pictures are copied.
+    /// Records the input positions from which attributes and textures are copied.
     pub(super) fn record_copies(
         &self,
         exemplars: &Exemplars,
@@ -257,8 +258,8 @@ impl Completion<'_> {
         }
     }
 
-    /// Adds the detail lost by averaging exemplars. Does nothing if the exemplars fit exactly, if not all vertices move, or with
-    /// `Update::Published`.
+    /// Adds the detail lost by averaging exemplars (patches of the input surface). Does nothing if the exemplars fit exactly, if some
+    /// vertices of the fill are not samples, or with `Update::Published`.
     pub(super) fn add_detail(
         &self,
         size: &LevelSize,

@@ -1,4 +1,4 @@
-//! Descriptors of height fields: the principal components of sampled heights, a few numbers for a fast search.
+//! Descriptors of height fields: a few principal components of sampled heights, for a fast search of similar height fields.
 
 use maquette_value::parallel::*;
 use nalgebra::{DMatrix, SymmetricEigen};
@@ -6,25 +6,25 @@ use nalgebra::{DMatrix, SymmetricEigen};
 use super::frame::Orientation;
 use super::heights::height_at;
 
-/// The number of angles at which heights are sampled on each ring.
+/// The number of angles at which heights are sampled on each ring (circle around the center of a patch).
 const ANGLES: usize = 16;
 
-/// The number of rings; the outermost is at the patch's radius.
+/// The number of rings (circles around the center of a patch); the outermost has the patch's radius.
 const RINGS: usize = 5;
 
-/// The number of heights on all rings.
+/// The number of heights sampled on all rings.
 pub(super) const COUNT: usize = RINGS * ANGLES;
 
 /// The number of principal components in a descriptor.
 pub(super) const KEPT: usize = 16;
 
-/// The heights of one patch or exemplar, sampled on rings around its center.
+/// The heights of one patch, sampled on rings (circles around its center).
 pub(super) type Rings = [f32; COUNT];
 
-/// The leading principal components of the heights on rings.
+/// The leading principal components of the heights on the rings of a patch.
 pub(super) type Descriptor = [f32; KEPT];
 
-/// The lattice positions at which heights are sampled on rings.
+/// The lattice positions at which the heights of a patch are sampled on rings.
 pub(super) struct Polar {
     positions: Vec<[f64; 2]>,
     level: bool,
@@ -47,8 +47,8 @@ impl Polar {
         }
     }
 
-    /// Samples the heights of a surface on the rings, seen in an orientation. A sample without a height gets the height at the next inner
-    /// ring.
+    /// Samples the heights of a patch on the rings, in the given orientation. A sample position without a height gets the height at the
+    /// next inner ring.
     pub(super) fn rings(&self, heights: &[f32], orientation: &Orientation) -> Rings {
         let mut rings = [0.0; COUNT];
         for (k, &position) in self.positions.iter().enumerate() {
@@ -87,7 +87,7 @@ pub(super) struct Basis {
     rows: Vec<Rings>,
 }
 
-/// Maximum number of height fields from which the components are computed; more change the components little.
+/// Maximum number of height fields from which the principal components are computed; more height fields hardly change the components.
 const MAX_BASIS_RINGS: usize = 1024;
 
 impl Basis {
@@ -122,7 +122,7 @@ impl Basis {
             }
         }
         if spread.iter().any(|entry: &f64| !entry.is_finite()) {
-            // The heights are out of range, so all entries are set to zero and all descriptors become equal.
+            // The heights are too large to be squared. Set the matrix to zero, which makes all descriptors equal.
             spread.fill(0.0);
         }
         let eigen = SymmetricEigen::new(spread);

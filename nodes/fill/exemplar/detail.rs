@@ -1,4 +1,4 @@
-//! Restores the fine detail of exemplars, which is lost in the mean of many of them.
+//! Restores fine detail of the copied surface, which is lost when many copies are averaged.
 
 use nalgebra::{Point3, Vector3};
 
@@ -11,34 +11,34 @@ use super::roughness::Roughness;
 use super::spread::Plate;
 use super::surface::{NONE, Surface};
 
-/// Stiffness with which vertices are held at their positions while detail is added. With a twentieth of it, the added detail bends the
-/// whole surface: on eight holes in each of five surfaces, fills were up to 25 % farther from the truth.
+/// Stiffness with which vertices are held at their positions while detail is added. With a twentieth of this value, the added detail bends
+/// the whole surface: on eight holes in each of five surfaces, fills were up to 25 % farther from the true surface.
 const STIFFNESS: f64 = 2.0;
 
-/// Maximum factor by which detail is amplified.
+/// Maximum factor by which copied detail is amplified.
 const MAX_AMPLIFICATION: f64 = 3.0;
 
-/// Number of bisection steps that determine the amplification.
+/// Number of bisection steps to find the factor by which detail is amplified.
 const HALVINGS: usize = 8;
 
-/// The inputs for adding detail.
+/// The inputs for adding the detail of exemplars (patches of the input surface) to a fill.
 pub(super) struct Detail<'a> {
     pub(super) surface: &'a Surface<'a>,
     pub(super) exemplars: &'a Exemplars,
     pub(super) outcome: &'a Outcome,
     pub(super) orientations: &'a Orientations,
-    /// The patch that each missing vertex copies.
+    /// For each vertex of the fill, the index of the patch whose exemplar it copies.
     pub(super) cells: &'a [u32],
-    /// Marks the missing vertices that do not move, in holes across which creases are extended; empty if no vertex is marked.
+    /// For each vertex of the fill, whether it must not move because creases are extended across its hole; empty if all may move.
     pub(super) sharp: &'a [bool],
     /// The radius of a patch in mm.
     pub(super) radius: f64,
 }
 
 impl Detail<'_> {
-    /// Moves the missing vertices, all of which must be samples, along their normals until each has about the same height over its
-    /// neighbors as on its exemplar. Detail is amplified until the fill is as rough as the data at the vertices `around` the hole: matches
-    /// are found with a surface that is too smooth, so the exemplars tend to be too smooth as well.
+    /// Moves the vertices of the fill, all of which must be samples, along their normals until each has about the same height over its
+    /// neighbors as on its exemplar. Detail is amplified until the fill is as rough as the surface at the vertices `around` the hole. This
+    /// is needed because exemplars are chosen by comparison with a surface that is too smooth, so they tend to be too smooth as well.
     ///
     /// Solves the equation of a thin plate whose rest shape is not flat: Botsch and Sorkine, "On linear variational surface
     /// deformation methods" (2008), section 4.
@@ -88,13 +88,13 @@ impl Detail<'_> {
     }
 }
 
-/// The alignments of exemplars with their patches.
+/// The alignments of exemplars (patches of the input surface) with the patches that they match.
 struct Alignments<'a> {
     detail: &'a Detail<'a>,
     points: &'a [Point3<f64>],
-    /// For each vertex, the index of its sample.
+    /// For each vertex, the index of its sample; [`NONE`] if the vertex is not a sample.
     place: Vec<u32>,
-    /// The plane between each patch and its exemplar, computed on first use.
+    /// For each patch, the plane of the distances between the patch and its exemplar, computed on first use.
     planes: Vec<Option<Plane>>,
 }
 
@@ -106,10 +106,10 @@ impl<'a> Alignments<'a> {
         Self { detail, points, place, planes: vec![None; patches.len()] }
     }
 
-    /// Returns the sum of the differences between a missing vertex and its neighbors along its normal, as on the exemplar of a patch. The
-    /// sum is the mean of two values: one measured on the exemplar at the positions of the vertices, the other at the exemplar vertex that
-    /// is nearest. The first value blurs roughness between adjacent vertices; the second one counts a different triangulation as roughness.
-    /// NaN without an exemplar.
+    /// Returns the sum of the differences between a vertex of the fill and its neighbors along its normal, as on the exemplar of the patch
+    /// `center`. The sum is the mean of two values: one measured on the exemplar at the positions of the vertices, the other at the nearest
+    /// vertex of the input mesh. The first value blurs roughness between adjacent vertices; the second one counts a different triangulation
+    /// as roughness. NaN if the exemplar has no surface there.
     fn exemplar_height(&mut self, vertex: u32, center: usize) -> f64 {
         let Detail { surface, exemplars, outcome, orientations, cells, .. } = *self.detail;
         let plane =
@@ -130,7 +130,7 @@ impl<'a> Alignments<'a> {
         0.5 * (there + nearest * degrees[0] / degrees[1])
     }
 
-    /// Returns the position of a vertex on the exemplar of a patch, aligned with the patch.
+    /// Returns the position that a vertex has on the exemplar of the patch `center`, after aligning the exemplar with the patch.
     fn copied_point(&self, vertex: u32, center: usize, plane: &Plane) -> Point3<f64> {
         let Detail { exemplars, outcome, orientations, radius, .. } = *self.detail;
         let point = self.points[vertex as usize];

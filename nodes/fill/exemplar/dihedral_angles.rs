@@ -1,11 +1,11 @@
-//! Gives the dihedral angles of the filled edges the distribution of the angles around the hole.
+//! Adjusts the dihedral angles of a fill's edges to the distribution of the angles around the hole.
 //!
-//! The mean of many exemplars bends too evenly: its crests are rounded, and between them it is less flat than the data. Therefore the
-//! filled edges are ranked by the size of their angles. Each filled edge gets the angle of the edge around the hole that has the same rank,
-//! and keeps the sign of its angle. Since the ranking is kept, so is the pattern: edges along a groove stay flat, edges across it become
-//! sharp.
+//! The mean of many copied patches bends too evenly: its crests are rounded, and between them it is less flat than the input surface.
+//! Therefore the fill's edges are ranked by the size of their angles. Each edge gets the angle of the edge around the hole that has the
+//! same rank, and keeps the sign of its own angle. The ranking, and with it the pattern, is kept: edges along a groove stay flat, edges
+//! across it become sharp.
 //!
-//! Matching by ranks: Heeger and Bergen, "Pyramid-based texture analysis/synthesis" (1995), section 3.1, where pixel values are ranked.
+//! Matching by ranks: Heeger and Bergen, "Pyramid-based texture analysis/synthesis" (1995), section 3.1, which ranks pixel values.
 //! Angles and their gradients: Grinspun, Hirani, Desbrun and Schröder, "Discrete shells" (2003).
 
 use maquette_base::linear::cholesky::{Cholesky, Symmetric};
@@ -15,23 +15,23 @@ use nalgebra::{Point3, Vector3};
 use super::hole::Hole;
 use super::surface::{NONE, Surface};
 
-/// Stiffness that holds vertices at their positions, times the squared mean edge length of the data: with 1, a motion by one edge length
-/// counts as much as an angle error of one radian. With 0.2, crests become spikes on curly surfaces.
+/// Stiffness that holds vertices at their positions, times the squared mean edge length of the input mesh. With 1, a motion by one edge
+/// length counts as much as an angle error of one radian. With 0.2, crests become spikes on curly surfaces.
 const STIFFNESS: f64 = 1.0;
 
 /// Number of rounds. Several are needed because ranks change while vertices move: after half as many rounds, the angles of flat edges on
 /// curly surfaces are still wrong by a quarter.
 const ROUNDS: usize = 16;
 
-/// Width of the band of data around a hole whose angles are measured, as a multiple of the maximum distance between the hole's vertices and
-/// its rim.
+/// Width of the band around a hole in which angles are measured, as a multiple of the maximum distance between the hole's vertices and its
+/// rim.
 const NEIGHBORHOOD: f64 = 2.0;
 
 /// Minimum number of edges around a hole; fewer edges do not give a reliable distribution of angles.
 const MIN_EDGES: usize = 100;
 
-/// Moves the missing vertices of `points` along their `normals` until the filled edges of each hole have the angle distribution of the data
-/// around it. Vertices marked in `sharp` do not move.
+/// Moves the vertices of the fill along their `normals` until the edges in each hole have the same angle distribution as the edges around
+/// it. Vertices for which `sharp` is true do not move.
 ///
 /// # Errors
 /// Returns an error if the evaluation is cancelled.
@@ -69,7 +69,7 @@ pub(super) fn match_dihedral_angles(
     for _ in 0..ROUNDS {
         progress.check()?;
         hinges.iter_mut().for_each(|hinge| hinge.angle = dihedral_angle(hinge.corners, points));
-        // Edges at the rim are ranked separately from inner edges.
+        // Rank edges at the rim of a hole separately from inner edges.
         hinges.sort_by(|a, b| {
             fn part(hinge: &Hinge) -> (u32, bool) {
                 (hinge.hole, hinge.is_inside)
@@ -104,9 +104,9 @@ pub(super) fn match_dihedral_angles(
 /// An edge that has two faces, of which at least one has a corner that moves.
 struct Hinge {
     corners: [u32; 4],
-    /// The number of the hole that contains the edge.
+    /// The index of the hole that contains the edge.
     hole: u32,
-    /// True if both faces have a missing vertex.
+    /// True if both faces have a vertex of the fill.
     is_inside: bool,
     angle: f64,
     /// The derivative of the angle as each corner moves along its normal; 0 for corners that do not move.
@@ -123,7 +123,7 @@ pub(super) fn hinges(surface: &Surface<'_>) -> impl Iterator<Item = [u32; 4]> {
     (0..surface.faces.len() as u32).flat_map(move |face| (0..3).filter_map(move |k| hinge(face, k)))
 }
 
-/// Returns, for each hole, the absolute angles of the data's edges around the hole, in ascending order.
+/// Returns, for each hole, the absolute angles of the input mesh's edges around the hole, in radians and in ascending order.
 fn angles_around_holes(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
@@ -180,7 +180,7 @@ pub(super) fn angle_gradients(corners: [u32; 4], points: &[Point3<f64>]) -> [Vec
     if is_finite { slopes } else { Default::default() }
 }
 
-/// Returns the normal equations for the motions of the `count` missing vertices, which follow the first `data` vertices.
+/// Returns the normal equations for the motions of the fill's `count` vertices, whose indices follow those of the `data` input vertices.
 fn equations(hinges: &[Hinge], data: usize, count: usize, stiff: f64) -> Symmetric {
     let mut entries: Vec<(u32, u32, f64)> = (0..count as u32).map(|k| (k, k, stiff)).collect();
     let data = data as u32;
@@ -191,7 +191,7 @@ fn equations(hinges: &[Hinge], data: usize, count: usize, stiff: f64) -> Symmetr
             }
         }
     }
-    // The sort must be stable: entries at one position are then summed in a fixed order.
+    // The sort must be stable, so that entries with the same row and column are summed in a fixed order.
     entries.sort_by_key(|&(row, column, _)| (row, column));
     let mut matrix = Symmetric { starts: vec![0], indices: vec![], entries: vec![] };
     for sums in entries.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {

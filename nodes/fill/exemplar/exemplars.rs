@@ -1,4 +1,4 @@
-//! The exemplars from which the missing surface is built: height fields of the surface around data vertices.
+//! The exemplars from which a fill is built: height fields of the input surface around some of its vertices.
 
 use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
@@ -13,11 +13,11 @@ use super::orientations::Orientations;
 use super::surface::{Marks, NONE, Surface};
 use super::tints::{Color, PART, Tint};
 
-/// Maximum number of exemplars on a level: about 60 MB of heights. With more exemplars of a denser scan, neighboring exemplars would hardly
-/// differ.
+/// Maximum number of exemplars (patches of the input surface) on a level: about 60 MB of heights. With more exemplars, neighboring
+/// exemplars of a dense scan would hardly differ.
 const MAX_EXEMPLARS: usize = 50_000;
 
-/// The source of the exemplars of a level.
+/// The surface from which the exemplars of a level are taken, and the lengths used on that level.
 pub(super) struct Source<'a> {
     pub(super) surface: &'a Surface<'a>,
     pub(super) points: &'a [Point3<f64>],
@@ -25,27 +25,27 @@ pub(super) struct Source<'a> {
     pub(super) areas: &'a [Vector3<f64>],
     /// The colors of all vertices; empty if colors are not compared.
     pub(super) colors: &'a [Color],
-    /// The number of data vertices and of data faces.
+    /// The number of vertices and of faces of the input mesh.
     pub(super) n_data_vertices: usize,
     pub(super) n_data_faces: usize,
     pub(super) up: Vector3<f64>,
     /// The radius of a patch, and the radius within which normals are averaged for its frame.
     pub(super) radius: f64,
     pub(super) normal_radius: f64,
-    /// The distance between exemplars; if 0, all vertices are exemplars.
+    /// The distance between the centers of exemplars; if 0, all input vertices are centers.
     pub(super) spacing: f64,
-    /// True for `Update::Published`: exemplars may be cut off by borders of the data, and an exemplar stays at the position given by its
-    /// frame.
+    /// True for `Update::Published`: exemplars may be cut off by borders of the input mesh, and an exemplar stays at the position given by
+    /// its frame.
     pub(super) is_published: bool,
 }
 
-/// Minimum fraction of an exemplar's disk that must have heights.
+/// Minimum fraction of an exemplar's disk that must be covered by the surface.
 const MIN_COVER: f64 = 0.9;
 
 /// Radius of the disk over which the heights of an exemplar are measured, in patch radii.
 pub(super) const REACH: f64 = 1.2;
 
-/// The exemplars of a level.
+/// The exemplars of a level: height fields around vertices of the input mesh.
 pub(super) struct Exemplars {
     /// The center vertex of each exemplar.
     pub(super) vertices: Vec<u32>,
@@ -53,7 +53,7 @@ pub(super) struct Exemplars {
     heights: Vec<f32>,
     /// The colors of each exemplar; empty if colors are not compared.
     pub(super) tints: Vec<Tint>,
-    /// For each data vertex, the exemplar that represents it; [`NONE`] if no exemplar is near.
+    /// For each input vertex, the exemplar that represents it; [`NONE`] if no exemplar is near.
     pub(super) owners: Vec<u32>,
     pub(super) lattice: Lattice,
     pub(super) polar: Polar,
@@ -62,7 +62,7 @@ pub(super) struct Exemplars {
 }
 
 impl Exemplars {
-    /// Measures the surroundings of the vertices for which `is_allowed` is true, and keeps the exemplars that are complete enough.
+    /// Measures the surface around the vertices for which `is_allowed` is true, and keeps the exemplars that cover enough of their disk.
     pub(super) fn new(
         source: &Source<'_>,
         is_allowed: impl Fn(u32) -> bool + Sync,
@@ -79,7 +79,7 @@ impl Exemplars {
         let mut index_of = vec![NONE; chosen.len()];
         (0..).zip(&good).for_each(|(new, &old)| index_of[old as usize] = new);
         let mut heights = measured.heights;
-        // Move the kept heights to the front, in place.
+        // Move the heights of kept exemplars to the front, in place.
         for (new, &old) in good.iter().enumerate() {
             let old = old as usize;
             heights.copy_within(old * NODES..(old + 1) * NODES, new * NODES);
@@ -118,7 +118,7 @@ impl Exemplars {
         self.vertices.len()
     }
 
-    /// Maps a point of a patch to the exemplar that matches the patch.
+    /// Maps a point of a patch to the corresponding point on the exemplar `found`.
     pub(super) fn map_point(
         &self,
         found: &Match,
@@ -139,27 +139,27 @@ impl Exemplars {
     }
 }
 
-/// The measurements of the chosen vertices.
+/// The height fields, frames and colors around the chosen vertices.
 struct Measurements {
     /// The heights at all vertices, [`NODES`] per vertex.
     heights: Vec<f32>,
     vertices: Vec<Measurement>,
 }
 
-/// The measurement of a vertex, without its heights.
+/// The measurements around one vertex, except its heights.
 struct Measurement {
     frame: Frame,
     rings: Rings,
     tint: Tint,
-    /// The fraction of the disk around the vertex that has heights.
+    /// The fraction of the disk around the vertex that is covered by the surface.
     cover: f64,
 }
 
-/// The number of vertices that one task measures with one set of search marks.
+/// The number of vertices that one task measures with the same `Marks`.
 const BLOCK_SIZE: usize = 64;
 
 impl Source<'_> {
-    /// Chooses vertices that are far enough apart. Also returns, for each data vertex, the index of the chosen vertex that represents it.
+    /// Chooses vertices at least `spacing` apart. Also returns, for each input vertex, the index of the chosen vertex that represents it.
     fn choose(&self, is_allowed: impl Fn(u32) -> bool + Sync) -> (Vec<u32>, Vec<u32>) {
         let all: Vec<u32> =
             (0..self.n_data_vertices as u32).filter(|&vertex| is_allowed(vertex)).collect();
@@ -197,7 +197,7 @@ impl Source<'_> {
         (chosen, owners)
     }
 
-    /// Measures vertices. The result is incomplete if the evaluation is cancelled meanwhile.
+    /// Measures the surface around the chosen vertices. The result is incomplete if the evaluation is cancelled meanwhile.
     fn measure(
         &self,
         chosen: &[u32],
@@ -255,7 +255,7 @@ impl Source<'_> {
         Frame::new(self.points[vertex as usize], normal, self.up)
     }
 
-    /// Returns the colors around a vertex, or a default if colors are not compared.
+    /// Returns the colors around a vertex; the default value if colors are not compared.
     fn tint(&self, vertex: u32, frame: &Frame, marks: &mut Marks) -> Tint {
         if self.colors.is_empty() {
             return Tint::default();

@@ -1,4 +1,4 @@
-//! Local frames with a common up direction.
+//! Local coordinate frames on a surface, whose `y` axes point upward.
 
 use nalgebra::{Point3, Vector3};
 
@@ -13,8 +13,9 @@ pub(super) struct Frame {
     pub(super) is_free: bool,
 }
 
-/// Sine of the angle between the normal and the up vector below which a frame is free. With less, the noise of a normal (about 1e-4 in a
-/// scan) rotates frames by more than the sample distance of a patch; with more, consistent frames lose their direction.
+/// Minimum sine of the angle between the normal and the up vector; below it, the frame's rotation about the normal is arbitrary. With a
+/// smaller value, the noise of a normal (about 1e-4 in a scan) rotates frames by more than the sample distance of a patch. With a larger
+/// value, frames with a definite direction lose it.
 const MIN_SINE: f64 = 1e-3;
 
 impl Frame {

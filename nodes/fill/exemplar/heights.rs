@@ -1,4 +1,4 @@
-//! Represents the surface around a vertex as heights over the plane of a local frame.
+//! Represents the surface around a vertex as heights over the plane of a local frame, measured at the nodes of a square lattice.
 
 use std::cmp::Ordering;
 
@@ -8,39 +8,39 @@ use nalgebra::{Point3, Vector3};
 use super::frame::{Frame, Orientation};
 use super::surface::{NONE, Surface};
 
-/// Number of lattice nodes on each side of the middle node. With fewer nodes, the features of a patch that is about 7 edges wide are
-/// blurred; more nodes cost memory.
+/// Number of lattice nodes from the center of the lattice to each side. With fewer nodes, the features of a patch that is about 7 edges
+/// wide are blurred; more nodes cost memory.
 const HALF: usize = 8;
 
-/// The number of nodes in a row.
+/// The number of nodes in a row of the lattice.
 pub(super) const SIDE: usize = 2 * HALF + 1;
 
-/// The number of nodes of a lattice.
+/// The number of nodes of the lattice.
 pub(super) const NODES: usize = SIDE * SIDE;
 
-/// The index of the middle node.
+/// The index of the center node.
 const MIDDLE: usize = NODES / 2;
 
-/// The positions at which heights are measured: the nodes of a square lattice inside a disk.
+/// A square lattice over a disk around a vertex. The heights of the surface are measured at the nodes inside the disk.
 pub(super) struct Lattice {
     pub(super) step: f64,
-    /// All nodes except the middle one, ordered from the middle outward.
+    /// The nodes inside the disk, without the center node, ordered from the center outward.
     nodes: Vec<Nodes>,
     count: usize,
 }
 
-/// At most [`LANES`] nodes of a lattice inside its disk, all on one square ring around the middle.
+/// Up to [`LANES`] nodes of a lattice inside its disk, all on one square ring around the center node.
 struct Nodes {
     /// The indices of the nodes; shorter than [`LANES`] for the last group of a ring.
     indices: Vec<usize>,
-    /// For each node, the index of the node one step nearer to the middle.
+    /// For each node, the index of the node that is one step nearer to the center.
     inner: [usize; LANES],
-    /// The columns and rows of the nodes, relative to the middle.
+    /// The columns and rows of the nodes, relative to the center node.
     at: [[f64; LANES]; 2],
 }
 
 impl Nodes {
-    /// Creates the nodes at columns and rows relative to the middle.
+    /// Creates a group of nodes from their columns and rows relative to the center node.
     fn new(nodes: &[[i32; 2]]) -> Self {
         let padded: [[i32; 2]; LANES] =
             std::array::from_fn(|k| nodes.get(k).copied().unwrap_or_default());
@@ -52,13 +52,13 @@ impl Nodes {
     }
 }
 
-/// Returns the index of the node at a column and row relative to the middle.
+/// Returns the index of the node with the given column and row, relative to the center node.
 fn node_index([x, y]: [i32; 2]) -> usize {
     let half = HALF as i32;
     ((y + half) * SIDE as i32 + x + half) as usize
 }
 
-/// Returns the index of the node one step nearer to the middle.
+/// Returns the index of the node that is one step nearer to the center.
 fn inner_node([x, y]: [i32; 2]) -> usize {
     match x.abs().cmp(&y.abs()) {
         Ordering::Less => node_index([x, y - y.signum()]),
@@ -84,7 +84,7 @@ impl Lattice {
         Self { step: radius / HALF as f64, nodes, count }
     }
 
-    /// Returns the indices of the nodes whose distance from the middle is at most `fraction` times the disk's radius.
+    /// Returns the indices of the nodes whose distance from the center is at most `fraction` times the disk's radius.
     pub(super) fn nodes_within(&self, fraction: f64) -> Vec<usize> {
         let max_radius = fraction * HALF as f64;
         let all =
@@ -98,8 +98,8 @@ impl Lattice {
             .collect()
     }
 
-    /// Measures the surface around a vertex over the plane of a frame, walking from node to node over the triangles with an index below
-    /// `limit`. Heights are NaN where the triangles end or face away. Returns the fraction of the disk's nodes that have a height.
+    /// Measures heights of the surface around a vertex over the plane of a frame. Walks from node to node over the triangles with an index
+    /// below `limit`. Heights are NaN where the triangles end or face away. Returns the fraction of the disk's nodes that have a height.
     pub(super) fn measure(
         &self,
         surface: &Surface<'_>,
@@ -116,7 +116,7 @@ impl Lattice {
     }
 }
 
-/// A kernel that measures a surface around a vertex.
+/// A kernel that measures the heights of a surface around a vertex.
 struct Measure<'a> {
     lattice: &'a Lattice,
     walk: Walk<'a>,
@@ -155,15 +155,16 @@ impl Kernel for Measure<'_> {
     }
 }
 
-/// If an exemplar cannot be shifted to fit a patch, each node of its lattice is moved away from its four neighbors by this factor times the
-/// sum of the height differences to them. Without the correction, interpolated heights are on the hollow side of a curved surface: between
-/// nodes on average by 1/12 of the sum, and inside regular facets with edges of one step by 1/16. With 1/12, a cap of a sphere still sinks
-/// with each iteration. If all vertices are samples, the value 1/6 reduces the mean distance of 12 filled holes from a unit sphere from
-/// 0.026 to 0.001, and that of 8 holes from a ridge, filled from a plate, from 0.010 to 0.008.
+/// Factor of a correction of heights for exemplars (patches of the input surface) that must not be shifted to fit a patch. Each lattice
+/// node is moved away from its four neighbors by this factor times the sum of its height differences to them. Without the correction,
+/// interpolated heights are on the concave side of a curved surface: between nodes on average by 1/12 of the sum, and inside regular facets
+/// with edges of one step by 1/16. With 1/12, a filled cap of a sphere still sinks with each iteration. If all vertices are samples, the
+/// value 1/6 reduces the mean distance of 12 filled holes from a unit sphere from 0.026 to 0.001. For 8 holes in a ridge, filled from a
+/// plate, it reduces the mean distance from 0.010 to 0.008.
 const SAG: f32 = 1.0 / 6.0;
 
-/// Moves heights onto a smooth surface that, on average, passes through the vertices of the measured surface. Nodes at the rim of the
-/// lattice, and nodes next to missing heights, do not move.
+/// Moves heights onto a smooth surface that, on average, passes through the vertices of the measured surface. Nodes at the border of the
+/// lattice and nodes next to missing heights do not move.
 pub(super) fn round_out(heights: &mut [f32]) {
     let measured = heights.to_vec();
     for row in 1..SIDE - 1 {
@@ -178,10 +179,10 @@ pub(super) fn round_out(heights: &mut [f32]) {
     }
 }
 
-/// Maximum number of steps of a walk: a longer one is going in circles.
+/// Maximum number of steps of a walk over triangles; a walk that takes more is going in circles.
 const MAX_STEPS: usize = 128;
 
-/// Walks over the triangles of a mesh, seen along the normal of a frame.
+/// Walks over the triangles of a mesh, projected to the plane of a frame.
 struct Walk<'a> {
     surface: &'a Surface<'a>,
     points: &'a [Point3<f64>],
@@ -189,7 +190,7 @@ struct Walk<'a> {
     frame: &'a Frame,
 }
 
-/// Coordinates of several points, by axis.
+/// The x, y and z coordinates of several points, one array per axis.
 type Columns<const N: usize> = [[f64; N]; 3];
 
 impl Walk<'_> {
@@ -211,9 +212,9 @@ impl Walk<'_> {
         local
     }
 
-    /// Walks from a triangle to the triangle over each position of the plane. Returns the triangles that are reached and their heights at
-    /// the positions; [`NONE`] where the surface does not extend. The walks proceed in lockstep: a step depends on the previous step of its
-    /// walk, but not on the other walks.
+    /// Walks from each triangle in `from` to the triangle above the position in `to`, on the plane of the frame. Returns the triangles
+    /// reached and their heights at the positions; [`NONE`] where the surface does not extend to the position. All walks advance by one
+    /// step at a time, for SIMD: a step depends only on the previous step of the same walk.
     #[inline(always)]
     fn walk_to<const N: usize>(&self, from: [u32; N], to: &[[f64; N]; 2]) -> ([u32; N], [f64; N]) {
         let mut faces = from.map(|face| if face == NONE { 0 } else { face });
@@ -226,7 +227,7 @@ impl Walk<'_> {
         let mut at = [self.local(corners[0]), self.local(corners[1]), self.local(corners[2])];
         for _ in 0..MAX_STEPS {
             let Sides { sides, areas } = Sides::new(&at, to);
-            // Find the edge beyond which the position is farthest.
+            // Find the edge of the triangle that separates it farthest from the position.
             let mut out = [0_u64; N];
             for k in 0..N {
                 let [a, b, c] = [sides[0][k], sides[1][k], sides[2][k]];
@@ -254,7 +255,7 @@ impl Walk<'_> {
                 state[k] = if state[k] == WALKING { goes } else { state[k] };
                 faces[k] = if state[k] == WALKING { next[k] } else { faces[k] };
             }
-            // The corners keep their order in the faces, which fixes the order of sums over corners.
+            // Keep the corners in the order that they have in the face, so that sums over corners are always computed in the same order.
             let apex = self.local(across);
             for axis in 0..3 {
                 let ([a, b, c], apex) = ([at[0][axis], at[1][axis], at[2][axis]], apex[axis]);
@@ -285,25 +286,25 @@ impl Walk<'_> {
     }
 }
 
-/// The index of the next corner, for each corner of a triangle.
+/// For each corner of a triangle, the index of the next corner.
 const AFTER: [usize; 3] = [1, 2, 0];
 
-/// The states of a walk: it continues, has arrived, or has left the surface. States are as wide as coordinates, because both then fit the
-/// same SIMD lanes.
+/// The states of a walk over triangles: it continues, has arrived, or has left the surface. States are as wide as coordinates, so that both
+/// fit the same SIMD lanes.
 const WALKING: u64 = 0;
 const ARRIVED: u64 = 1;
 const LOST: u64 = 2;
 
-/// For each corner of a triangle, two masks: the first is all ones for the first corner, the second is all ones for the second corner.
+/// For each corner index of a triangle, two masks: the first is all ones for corner 0, the second is all ones for corner 1.
 const FIRST_OR_SECOND: [[u64; 2]; 3] = [[u64::MAX, 0], [0, u64::MAX], [0, 0]];
 
-/// Returns the first number if the mask is all ones, the second if it is 0. Branch-free: the compiler would branch on a condition.
+/// Returns `one` if the mask is all ones, `other` if it is 0. Uses bit operations, since the compiler would turn a condition into a branch.
 #[inline(always)]
 fn pick(mask: u64, one: f64, other: f64) -> f64 {
     f64::from_bits((one.to_bits() & mask) | (other.to_bits() & !mask))
 }
 
-/// Twice the signed areas of the triangles between positions and the edges of faces, and twice the areas of the faces.
+/// Twice the signed areas of the triangles between a position and each edge of a face, and twice the area of the face, for `N` faces.
 struct Sides<const N: usize> {
     sides: [[f64; N]; 3],
     areas: [f64; N],
@@ -343,11 +344,12 @@ impl Sample {
 /// The number of samples that are compared at once.
 pub(super) const LANES: usize = 8;
 
-/// Samples as seen by exemplars with one orientation: positions in columns and rows of a lattice, and normals in the same units.
+/// Samples in the coordinates of exemplars with one orientation: positions in columns and rows of the lattice, and normals in the same
+/// units.
 #[derive(Clone, Copy)]
 pub(super) struct View<const N: usize> {
     at: [[f64; N]; 2],
-    /// The lattice cells of the positions.
+    /// The lattice cells that contain the positions.
     cells: Cells<N>,
     heights: [f64; N],
     normals: [[f64; N]; 3],
@@ -368,10 +370,10 @@ impl<const N: usize> View<N> {
         Self { at, cells: Cells::locate(&at), heights, normals }
     }
 
-    /// Returns the signed distances along the normals to a surface of heights; NaN where the surface has no height.
+    /// Returns the signed distances from the samples along their normals to the surface given by `heights`; NaN where it has no height.
     #[inline(always)]
     pub(super) fn distances(&self, heights: &[f32]) -> [f64; N] {
-        // Distance, in lattice steps, by which the line may move away from its start before the surface is evaluated again.
+        // Distance, in lattice steps, by which the line along a normal may move sideways before the surface is evaluated again.
         const MAX_DEVIATION: f64 = 0.05;
         let [x, y, z] = &self.normals;
         let mut distances = [0.0; N];
@@ -400,18 +402,18 @@ impl<const N: usize> View<N> {
     }
 }
 
-/// Returns the rate at which a line in a direction approaches a surface with the given slope. The rate is at least 0.25, so the search
-/// along lines parallel to the surface ends.
+/// Returns the rate at which a line in the given direction approaches a surface with the given slope. The rate is at least 0.25, so that
+/// the search ends for lines parallel to the surface.
 #[inline(always)]
 fn descent(slope: [f64; 2], [x, y, z]: [f64; 3]) -> f64 {
     let descent = z - slope[0] * x - slope[1] * y;
     if descent > 0.25 { descent } else { 0.25 }
 }
 
-/// Positions of a lattice, each between four nodes.
+/// Positions on a lattice, each given by the cell of four nodes that contains it.
 #[derive(Clone, Copy)]
 struct Cells<const N: usize> {
-    /// The node with the smallest column and row of each cell.
+    /// The index of the node with the smallest column and row of each cell.
     corners: [u64; N],
     /// The offsets of the positions from the nodes in `corners`, in columns and rows; NaN outside of the lattice.
     columns: [f64; N],
@@ -427,7 +429,7 @@ impl<const N: usize> Cells<N> {
             let is_inside = (0.0 <= u[k]) & (u[k] < last) & (0.0 <= v[k]) & (v[k] < last);
             let column = floor(if is_inside { u[k] } else { 0.0 });
             let row = floor(if is_inside { v[k] } else { 0.0 });
-            // Convert to an integer without an instruction that checks the range.
+            // Convert to an integer by bit operations; an `as` cast would check the range.
             cells.corners[k] = (row * SIDE as f64 + column + INTEGER).to_bits() & 0xffff;
             cells.columns[k] = if is_inside { u[k] - column } else { f64::NAN };
             cells.rows[k] = if is_inside { v[k] - row } else { f64::NAN };
@@ -438,7 +440,7 @@ impl<const N: usize> Cells<N> {
     /// Interpolates heights and slopes at the positions; NaN if one of the four nodes has no height.
     #[inline(always)]
     fn interpolate(&self, heights: &[f32]) -> HeightsAndSlopes<N> {
-        // Two adjacent heights are loaded as one number, which halves the number of gathers.
+        // Load two adjacent heights as one 64-bit number, which halves the number of loads.
         let (mut below, mut above) = ([0; N], [0; N]);
         for k in 0..N {
             let corner = self.corners[k] as usize;
@@ -473,17 +475,17 @@ impl<const N: usize> Cells<N> {
     }
 }
 
-/// Added to a small number, this constant leaves the nearest integer in the lowest bits of the sum.
+/// Adding this constant to a small number leaves the nearest integer in the lowest bits of the sum.
 const INTEGER: f64 = (3_u64 << 51) as f64;
 
-/// Returns the largest integer that is not above a small number.
+/// Returns the largest integer that is not above `x`, for `x` much smaller than 2^51.
 #[inline(always)]
 fn floor(x: f64) -> f64 {
     let nearest = (x + INTEGER) - INTEGER;
     nearest - if nearest > x { 1.0 } else { 0.0 }
 }
 
-/// The heights and slopes of a lattice at some positions.
+/// The heights and slopes of a surface at some positions of a lattice.
 struct HeightsAndSlopes<const N: usize> {
     heights: [f64; N],
     slopes: [[f64; N]; 2],
@@ -496,7 +498,7 @@ impl<const N: usize> HeightsAndSlopes<N> {
     }
 }
 
-/// Returns the interpolated height at a position in lattice steps from the middle; NaN where heights are missing.
+/// Returns the interpolated height at a position, given in lattice steps from the center; NaN where heights are missing.
 pub(super) fn height_at(heights: &[f32], place: [f64; 2]) -> f64 {
     let [u, v] = place.map(|x| [x + HALF as f64]);
     Cells::locate(&[u, v]).interpolate(heights).heights[0]
@@ -533,7 +535,7 @@ mod tests {
                 .collect()
         }
         assert!(moves(|x, y| 0.5 * x - 0.25 * y).iter().all(|&by| by == 0.0));
-        // The differences from a node to its four neighbors sum up to -1, so each node rises by `SAG`.
+        // The differences between a node and its four neighbors sum up to -1, so each node rises by `SAG`.
         let bowl = moves(|x, y| -0.25 * (x * x + y * y));
         assert!(bowl.iter().all(|&by| (by - SAG).abs() < 1e-5), "{bowl:?}");
     }

@@ -1,27 +1,27 @@
-//! The sizes of holes, and suitable patch radii.
+//! The sizes of holes, and patch radii that suit them.
 
 use nalgebra::Point3;
 
 use super::ExemplarOptions;
 use super::surface::Surface;
 
-/// The missing vertices of all holes, and their distances from the rims.
+/// The holes of a mesh: the fill's vertices and their distances from the holes' rims.
 pub(super) struct Hole {
-    /// For each vertex, the nearest rim vertex.
+    /// For each vertex, the nearest vertex on a hole's rim.
     pub(super) rim: Vec<u32>,
-    /// For each missing vertex, the greatest distance of a vertex of its hole from the rim.
+    /// For each vertex of the fill, the maximum distance of the vertices in the same hole from the hole's rim.
     pub(super) widths: Vec<f64>,
-    /// For each missing vertex, the number of its hole.
+    /// For each vertex of the fill, the index of its hole.
     pub(super) numbers: Vec<u32>,
     /// The maximum distance between the rim of a hole and a vertex of its fill.
     pub(super) width: f64,
-    /// The mean length of the data's edges at the rim.
+    /// The mean length of the input mesh's edges at the rims.
     pub(super) edge: f64,
 }
 
 impl Hole {
-    /// Measures the holes; their vertices have the indices from `data` on. Returns `None` if there are no such vertices or no data around
-    /// them.
+    /// Measures the holes. The fill's vertices have the indices from `data` on. Returns `None` if there are no such vertices, or if the
+    /// input mesh has no edges at the rims.
     pub(super) fn new(surface: &Surface<'_>, points: &[Point3<f64>], data: usize) -> Option<Self> {
         let missing = data as u32..points.len() as u32;
         let mut border: Vec<u32> = missing
@@ -38,12 +38,12 @@ impl Hole {
         Some(Self { rim, widths, numbers, width, edge })
     }
 
-    /// The minimum radius of a patch: [`SAMPLES`] edges of the data.
+    /// Returns the minimum radius of a patch: [`SAMPLES`] times the mean edge length at the rims.
     pub(super) fn smallest_radius(&self) -> f64 {
         SAMPLES * self.edge
     }
 
-    /// Returns the patch radii of all levels, from one that spans the hole down to the smallest.
+    /// Returns the patch radii of all levels, from a radius that spans the hole down to the minimum.
     pub(super) fn radii(&self, options: &ExemplarOptions, data: &[Point3<f64>]) -> Vec<f64> {
         fn corner(pick: fn(f64, f64) -> f64, data: &[Point3<f64>]) -> nalgebra::Vector3<f64> {
             let start = data[0].coords;
@@ -62,7 +62,7 @@ impl Hole {
         radii
     }
 
-    /// Returns a geometric sequence of radii from `largest` down to the smallest; only the smallest if `largest` is not larger.
+    /// Returns a geometric sequence of radii from `largest` down to the minimum radius; only the minimum if `largest` is not above it.
     pub(super) fn spaced_radii(&self, largest: f64, levels: usize) -> Vec<f64> {
         let smallest = self.smallest_radius();
         if levels == 1 || largest <= smallest {
@@ -75,10 +75,10 @@ impl Hole {
     }
 }
 
-/// The number of samples along a patch's radius.
+/// The number of samples along the radius of a patch.
 pub(super) const SAMPLES: f64 = 3.5;
 
-/// Returns the mean length of the data's edges at the rim; `None` without such edges.
+/// Returns the mean length of the input mesh's edges at the rims; `None` if there are no such edges.
 fn mean_edge(surface: &Surface<'_>, points: &[Point3<f64>], rim: &[u32], data: u32) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0_u32);
     for &vertex in rim {
@@ -90,7 +90,7 @@ fn mean_edge(surface: &Surface<'_>, points: &[Point3<f64>], rim: &[u32], data: u
     (sum > 0.0).then(|| sum / f64::from(count))
 }
 
-/// Returns, for each missing vertex, the maximum distance of its hole's vertices from the rim, and the number of the hole.
+/// Returns, for each vertex of the fill, the maximum distance of its hole's vertices from the rim, and the index of the hole.
 fn widths(
     surface: &Surface<'_>,
     points: &[Point3<f64>],

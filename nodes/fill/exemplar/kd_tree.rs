@@ -1,4 +1,4 @@
-//! A k-d tree that finds descriptors near a given one.
+//! A k-d tree that finds the descriptors (vectors of principal components) nearest to a given one.
 //!
 //! Friedman, Bentley and Finkel, "An algorithm for finding best matches in logarithmic expected time" (1977). Visits the nearest cells
 //! first and stops after a fixed number of cells: Beis and Lowe, "Shape indexing using approximate nearest-neighbour search in
@@ -12,12 +12,12 @@ use super::descriptor::{Descriptor, KEPT};
 /// Maximum number of descriptors in a leaf cell.
 const LEAF_SIZE: usize = 16;
 
-/// Maximum number of cells that a search visits. With half as many, some matches are found an iteration later.
+/// Maximum number of cells that a search visits. With half as many, some matches are found one iteration later.
 const MAX_CELLS: usize = 12;
 
-/// A binary tree over descriptors.
+/// A binary tree over the descriptors of exemplars.
 pub(super) struct KdTree {
-    /// The descriptors in the order of the cells, and the indices of their exemplars.
+    /// The descriptors, sorted by cell; `owners` has the index of the exemplar of each.
     descriptors: Vec<Descriptor>,
     owners: Vec<u32>,
     nodes: Vec<Node>,
@@ -28,7 +28,7 @@ enum Node {
         start: u32,
         end: u32,
     },
-    /// An inner node: descriptors below `at` along `axis` are under the next node, the others under the node `right`.
+    /// An inner node. Descriptors whose component `axis` is below `at` are in the subtree that follows, the others in that of `right`.
     Split {
         axis: u8,
         at: f32,
@@ -45,13 +45,13 @@ impl KdTree {
         Self { descriptors, owners: order, nodes }
     }
 
-    /// Finds up to `count` descriptors nearest to `to`, nearest first; only the nearest cells are searched.
+    /// Finds up to `count` descriptors near `to`, nearest first. The result is approximate: only [`MAX_CELLS`] cells are searched.
     pub(super) fn nearest(&self, to: &Descriptor, count: usize, found: &mut Vec<(f32, u32)>) {
         found.clear();
         if self.descriptors.is_empty() {
             return;
         }
-        // Squared distances are nonnegative, so their bits have the order of the numbers.
+        // Squared distances are nonnegative, so their bits sort in the order of the numbers.
         let mut queue = BinaryHeap::from([Reverse((0_u32, 0_u32))]);
         for _ in 0..MAX_CELLS {
             let Some(Reverse((bits, mut node))) = queue.pop() else { return };

@@ -1,5 +1,5 @@
-//! One level of a completion: finds a match for each patch, moves the missing vertices to the weighted mean of the matches, and repeats
-//! both steps.
+//! One level of a completion (filling holes by copying): finds a match for each patch, moves the vertices of the fill to the weighted mean
+//! of the matches, and repeats both steps.
 
 use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
@@ -19,23 +19,23 @@ use super::surface::{NONE, Surface};
 use super::tints::Color;
 use super::{ExemplarOptions, Update};
 
-/// The data shared by all levels.
+/// The inputs and settings shared by all levels of a completion.
 pub(super) struct CompletionContext<'a> {
     pub(super) surface: &'a Surface<'a>,
     /// The colors of all vertices; empty if colors are not compared.
     pub(super) colors: &'a [Color],
-    /// The number of data vertices.
+    /// The number of vertices of the input mesh.
     pub(super) n_data_vertices: usize,
     pub(super) options: &'a ExemplarOptions,
     pub(super) orientations: &'a Orientations,
     pub(super) hole: &'a Hole,
-    /// Marks the missing vertices of holes whose initial shape extends creases of the data; empty if no vertex is marked.
+    /// For each vertex of the fill, whether creases are extended across its hole in the initial fill; empty if they are across no hole.
     pub(super) sharp: &'a [bool],
-    /// For each data vertex, the distance to the nearest missing vertex.
+    /// For each input vertex, the distance to the nearest vertex of the fill.
     pub(super) distances: &'a [f64],
 }
 
-/// The energy of an iteration: the distances between patches and their matches.
+/// The energy of an iteration, which measures the distances between patches and their matches.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Energy {
     /// The weighted mean of the squared distances between patches and matches: equation 1 of Kawai, Sato and Yokoya (2008).
@@ -45,16 +45,16 @@ pub(super) struct Energy {
 }
 
 impl Energy {
-    /// Returns true if the energy is so small that it consists only of rounding errors. `radius` is that of a patch.
+    /// Returns true if the energy is so small that it consists only of rounding errors. `radius` is the radius of a patch.
     fn is_rounding(&self, radius: f64) -> bool {
         let rounding = ROUNDING * radius;
         self.mean <= rounding * rounding
     }
 }
 
-/// The best iterate of a level, and the iterations that led to it.
+/// The best iterate (lowest energy) of a level, and the iterations that led to it.
 pub(super) struct Outcome {
-    /// The iterations that were better than all earlier ones, and their energies.
+    /// The iterations with a lower energy than all earlier ones, and their energies.
     pub(super) improvements: Vec<(u64, Energy)>,
     /// The number of iterations that the level performed.
     pub(super) iterations: u64,
@@ -62,20 +62,20 @@ pub(super) struct Outcome {
     pub(super) patches: Patches,
     pub(super) matches: Vec<Match>,
     pub(super) frames: Vec<Frame>,
-    /// The normals of all samples.
+    /// The normals at all samples.
     pub(super) normals: Vec<Vector3<f64>>,
-    /// The weight of each patch in the mean that moves its vertices.
+    /// The weight of each patch in the weighted mean to which its vertices move.
     pub(super) patch_weights: Vec<f64>,
 }
 
 impl Outcome {
-    /// Returns true if the exemplars fit exactly, so that there is no detail to add.
+    /// Returns true if the exemplars fit the patches exactly, so that there is no detail to add.
     pub(super) fn is_exact(&self, radius: f64) -> bool {
         self.improvements.last().is_some_and(|(_, energy)| energy.is_rounding(radius))
     }
 }
 
-/// A patch and its match, as a hint for the patches of the next level.
+/// A patch and its match on one level, used as a hint for the patches of the next level.
 #[derive(Clone, Copy)]
 pub(super) struct Guide {
     pub(super) vertex: u32,
@@ -86,12 +86,12 @@ pub(super) struct Guide {
 }
 
 impl Guide {
-    /// The data vertex that the patch copies.
+    /// Returns the input vertex that the patch copies.
     pub(super) fn exemplar_vertex(&self) -> u32 {
         self.from
     }
 
-    /// Maps a point of the patch to its exemplar; returns the position and orientation at which to try exemplars.
+    /// Maps a point of the patch to its exemplar. Returns the position and orientation at which the next level tries exemplars.
     fn hint(&self, orientations: &Orientations, point: Point3<f64>) -> Hint {
         let [u, v, w] = self.frame.local(point - self.frame.origin);
         let [x, y] = orientations.get(self.orientation).apply([u, v]);
@@ -103,19 +103,20 @@ impl Guide {
     }
 }
 
-/// Number of iterations after which all exemplars are searched again.
+/// Number of iterations between searches of all exemplars. In the others, only exemplars near known matches are compared.
 const FULL_SEARCH_INTERVAL: u64 = 4;
 
-/// A search of all exemplars, not only those near known matches.
+/// A search of all exemplars, instead of only those near known matches.
 #[derive(Clone, Copy)]
 struct FullSearch {
     iteration: u64,
-    /// The number of comparisons that this search may spend on trying all exemplars for the patches with the worst matches.
+    /// The number of additional comparisons, in which the patches with the worst matches are compared with all exemplars.
     more: usize,
 }
 
-/// Number of comparisons with all exemplars in each full search. They are spent on the patches with the worst matches, which have most of
-/// the energy and few similar candidates. With 0 comparisons, matches on sharp and rugged data are a fifth worse than the best.
+/// Number of comparisons with all exemplars in each full search. They are used for the patches with the worst matches, which have most of
+/// the energy and few similar candidates. With 0 comparisons, the distances of matches on sharp and rugged surfaces are a fifth larger than
+/// those of the best exemplars.
 const COMPARISONS: usize = 80_000;
 
 /// The minimum and maximum number of comparisons with all exemplars at the end of a level. Between these limits, one in [`WORST_DIVISOR`]
@@ -123,28 +124,28 @@ const COMPARISONS: usize = 80_000;
 const FINAL_COMPARISONS: [usize; 2] = [250_000, 1_200_000];
 const WORST_DIVISOR: usize = 12;
 
-/// Distances below this fraction of a patch's radius are rounding errors.
+/// Distances between patches and exemplars below this fraction of a patch's radius are rounding errors.
 const ROUNDING: f64 = 1e-10;
 
-/// Standard error of a start across which creases are extended, in edge lengths. It is the deviation of the data from the surfaces that
-/// meet in the creases. With more, exemplars would round the creases.
+/// Standard error of an initial fill across which creases are extended, in edge lengths. It is the deviation of the input surface from the
+/// planes and paraboloids that meet in the creases. With a larger value, the copied patches would round the creases.
 const SHARP_ERROR: f64 = 0.1;
 
-/// A level: the size and spacing of its patches, and the exemplars to compare with.
+/// A level of a completion: the size and spacing of its patches, and the exemplars to compare with them.
 pub(super) struct CompletionLevel<'a> {
     pub(super) shared: &'a CompletionContext<'a>,
     pub(super) scale: Scale,
     pub(super) number: u64,
     /// The target distance between samples.
     pub(super) edge: f64,
-    /// The standard error of a thin plate over the largest hole that a patch can span; infinite if the initial shape is not an estimate of
-    /// the surface.
+    /// The standard error of a thin plate over the largest hole that a patch can span; infinite if the initial fill is not a thin plate and
+    /// thus no estimate of the surface.
     pub(super) plate_error: f64,
     pub(super) exemplars: &'a Exemplars,
 }
 
 impl CompletionLevel<'_> {
-    /// Runs the level. Afterwards `points` and `areas` are those of the best iterate.
+    /// Runs the iterations of the level. Afterwards `points` and `areas` are those of the best iterate.
     pub(super) fn run(
         &self,
         points: &mut [Point3<f64>],
@@ -191,7 +192,7 @@ impl CompletionLevel<'_> {
         let (mut since, mut iterations) = (0, 0);
         let max_wait = shared.options.max_wait();
         while iterations < u64::from(shared.options.max_iterations()) {
-            // The number of iterations is not known in advance; about eight are usual.
+            // The number of iterations is not known in advance; assume the usual number of about 8.
             progress.tick(iterations as f64 / (iterations as f64 + 8.0))?;
             if best.1.energy.is_rounding(self.scale.radius) || since >= max_wait {
                 break;
@@ -212,7 +213,7 @@ impl CompletionLevel<'_> {
         points[shared.n_data_vertices..].copy_from_slice(&best.0);
         self.update_areas(&active, points, areas);
         if !best.1.energy.is_rounding(self.scale.radius) {
-            // The matches determine what is copied, so all exemplars are searched once more.
+            // The final matches determine what is copied, so search all exemplars once more.
             let [min, max] = FINAL_COMPARISONS;
             let more = (patches.len() * self.exemplars.len() / WORST_DIVISOR).clamp(min, max);
             let far = FullSearch { iteration: iterations + 1, more };
@@ -234,8 +235,8 @@ impl CompletionLevel<'_> {
         })
     }
 
-    /// The minimum relative decrease of the energy that counts as progress. If a decrease of less than 3 % counted, late iterations would
-    /// fit the noise of the exemplars: on most surfaces the distance to the truth grows while the energy falls.
+    /// Returns the minimum relative decrease of the energy that counts as progress. Without the limit of 3 %, late iterations fit the noise
+    /// of the exemplars: on most surfaces the distance to the true surface grows while the energy falls.
     fn min_gain(&self) -> f64 {
         match self.shared.options.update {
             Update::Exact => 0.03,
@@ -243,7 +244,7 @@ impl CompletionLevel<'_> {
         }
     }
 
-    /// Returns the standard error of a missing vertex at the beginning of the level.
+    /// Returns the standard error of the position of a fill's vertex at the beginning of the level.
     fn start_error(&self, vertex: usize) -> f64 {
         if self.shared.sharp.get(vertex - self.shared.n_data_vertices) == Some(&true) {
             return SHARP_ERROR * self.shared.hole.edge;
@@ -257,7 +258,7 @@ impl CompletionLevel<'_> {
         self.shared.options.update == Update::Published
     }
 
-    /// Returns the vertices whose normals change during the level. With `Update::Published`, these do not include data vertices at the rim.
+    /// Returns the vertices whose normals change during the level. With `Update::Published`, these do not include the rims of holes.
     fn active(&self) -> Vec<u32> {
         let CompletionContext { surface, n_data_vertices: data, .. } = *self.shared;
         let mut active: Vec<u32> = (data as u32..self.shared.hole.rim.len() as u32)
@@ -269,7 +270,7 @@ impl CompletionLevel<'_> {
         active
     }
 
-    /// Recomputes the areas of the `active` vertices.
+    /// Recomputes the area vectors of the `active` vertices.
     fn update_areas(&self, active: &[u32], points: &[Point3<f64>], areas: &mut [Vector3<f64>]) {
         for &vertex in active {
             areas[vertex as usize] = self.shared.surface.area(points, vertex);
@@ -309,7 +310,7 @@ impl CompletionLevel<'_> {
             .collect()
     }
 
-    /// Finds the matches of all patches at the present positions.
+    /// Finds the matches of all patches for the current positions of the vertices.
     fn find_matches(
         &self,
         search: &Search<'_>,
@@ -336,7 +337,7 @@ impl CompletionLevel<'_> {
             })
             .collect();
         if before.is_empty() {
-            // The second pass also tries the exemplars next to the matches of adjacent patches.
+            // The second pass also tries the exemplars next to the matches of adjacent patches, which the first pass found.
             let centers = (0..patches.len()).into_par_iter().with_min_len(16);
             matches = centers
                 .map_init(Scratch::new, |scratch: &mut Scratch, center: usize| {
@@ -352,7 +353,7 @@ impl CompletionLevel<'_> {
         Iterate { normals, frames, matches, weights, energy }
     }
 
-    /// Returns the weights of all patches: 1 around data, and falling with the distance from the rim inside the hole.
+    /// Returns the weights of all patches: 1 outside of holes, decreasing inside them with the distance from the rim.
     fn weights(&self, patches: &Patches, points: &[Point3<f64>]) -> Vec<f64> {
         let falloff = self.shared.options.falloff_or_default();
         let rate = if falloff.rate == 0.0 { 1.0 / self.edge } else { falloff.rate };
@@ -369,7 +370,7 @@ impl CompletionLevel<'_> {
             .collect()
     }
 
-    /// Returns the weight of a patch in the mean that moves its vertices.
+    /// Returns the weight of a patch in the mean to which its vertices move.
     fn patch_weight(&self, patches: &Patches, now: &Iterate, center: usize) -> f64 {
         match (now.matches[center].exemplar, self.shared.options.update) {
             (NONE, _) => 0.0,
@@ -378,8 +379,8 @@ impl CompletionLevel<'_> {
         }
     }
 
-    /// Moves the missing vertices to the weighted means of their positions on the exemplars: equations 9 to 13 of Kawai, Sato and Yokoya
-    /// (2008), for all vertices at once.
+    /// Moves the vertices of the fill to the weighted means of their positions on the exemplars, all vertices at once: equations 9 to 13 of
+    /// Kawai, Sato and Yokoya (2008).
     fn move_vertices(
         &self,
         search: &Search<'_>,
@@ -405,7 +406,7 @@ impl CompletionLevel<'_> {
             if weight == 0.0 {
                 return Vector3::zeros();
             }
-            // The new position is the mean of two estimates, weighted by their inverse variances.
+            // The new position is the mean of two estimates, the exemplars' and the initial fill's, weighted by their inverse variances.
             let vertex = patches.sites[site] as usize;
             let back = (begin[vertex] - points[vertex]).dot(&now.normals[site]);
             let start_error = self.start_error(vertex);
@@ -429,7 +430,7 @@ impl CompletionLevel<'_> {
     }
 }
 
-/// An iterate: the patches of the present surface, and their matches.
+/// One iterate: the current normals, frames and weights of the patches, and their matches.
 #[derive(Clone)]
 pub(super) struct Iterate {
     normals: Vec<Vector3<f64>>,
@@ -439,7 +440,7 @@ pub(super) struct Iterate {
     energy: Energy,
 }
 
-/// Returns the energy, equation 1 of Kawai, Sato and Yokoya (2008), summed in the order of the patches.
+/// Returns the energy of the matches, equation 1 of Kawai, Sato and Yokoya (2008), summed in the order of the patches.
 fn energy(matches: &[Match], weights: &[f64]) -> Energy {
     let (mut sum, mut weight, mut max) = (0.0, 0.0, 0.0_f64);
     for (found, &own) in matches.iter().zip(weights) {
@@ -453,7 +454,7 @@ fn energy(matches: &[Match], weights: &[f64]) -> Energy {
     Energy { mean, max: if weight > 0.0 { max } else { f64::INFINITY } }
 }
 
-/// Returns the distance of each sample in each patch to the patch's exemplar, along the sample's normal.
+/// Returns, for each patch, the distance of each of its samples to the patch's exemplar, along the sample's normal.
 fn distances(search: &Search<'_>, now: &Iterate, points: &[Point3<f64>]) -> Vec<f64> {
     let scene = Scene { points, normals: &now.normals, frames: &now.frames };
     let centers = (0..search.patches.len()).into_par_iter().with_min_len(16);

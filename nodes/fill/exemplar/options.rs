@@ -1,4 +1,4 @@
-//! The options of exemplar fills.
+//! The options for filling holes with exemplars: parts of the input surface that are copied.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -92,7 +92,7 @@ impl ExemplarOptions {
     pub(super) fn falloff_or_default(&self) -> Falloff {
         self.falloff.unwrap_or(match self.update {
             Update::Exact => Falloff::default(),
-            // With 1.3, the rim has too little influence against a start that is a cone; with 3, too few patches agree.
+            // With base 1.3, the rims have too little influence against an initial fill that is a cone; with 3, too few patches agree.
             Update::Published => Falloff { base: 2.0, rate: 0.0 },
         })
     }

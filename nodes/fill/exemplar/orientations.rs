@@ -1,14 +1,14 @@
-//! The rotations and reflections in which exemplars are tried.
+//! The rotations and reflections in which exemplars (patches of the input surface) are compared with patches of the fill.
 
 use super::frame::{Frame, Orientation};
 
-/// The orientations in which exemplars are tried: first those chosen by the options, then those for frames without a direction.
+/// The orientations in which exemplars are tried: first those chosen by the options, then those for frames without an upward direction.
 pub(super) struct Orientations {
     pub(super) all: Vec<Orientation>,
     pub(super) usual: usize,
 }
 
-/// Number of rotations that are tried for frames without a direction.
+/// Number of rotations that are tried for frames without an upward direction: those with a normal parallel to the up vector.
 const FREE: u32 = 8;
 
 impl Orientations {
@@ -23,7 +23,7 @@ impl Orientations {
         &self.all[usize::from(orientation)]
     }
 
-    /// Returns the range of the orientations that are tried for a frame.
+    /// Returns the range of indices in `all` of the orientations that are tried for a frame.
     pub(super) fn range_for(&self, frame: &Frame) -> std::ops::Range<usize> {
         if frame.is_free { self.usual..self.all.len() } else { 0..self.usual }
     }

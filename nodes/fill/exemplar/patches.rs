@@ -1,4 +1,4 @@
-//! The patches of a level: the compared points (samples), some of which move.
+//! The patches of a level and their samples: vertices whose positions are compared with exemplars. Some of the samples move.
 
 use maquette_base::topology::lists::Lists;
 use maquette_value::parallel::*;
@@ -6,43 +6,44 @@ use nalgebra::{Point3, Vector3};
 
 use super::surface::{Marks, NONE, Surface};
 
-/// The lengths that determine the patches of a level.
+/// The radii and distances that determine the patches of a level.
 #[derive(Clone, Copy)]
 pub(super) struct Scale {
     /// The radius of a patch.
     pub(super) radius: f64,
     /// The distance between samples; if 0, all vertices are samples.
     pub(super) spacing: f64,
-    /// The distance between samples that move; if 0, all missing vertices move.
+    /// The distance between samples that move; if 0, all vertices of the fill are samples and move.
     pub(super) moving: f64,
     /// The radius within which normals are averaged for the normal at a sample.
     pub(super) normal_radius: f64,
 }
 
-/// The samples near the missing part, and the patches around some of them; chosen at the beginning of a level.
+/// The samples in and around the holes, and the patches around some of the samples; chosen at the beginning of a level.
 pub(super) struct Patches {
-    /// The vertices of the samples: first the samples that move, then data with a patch, then other data.
+    /// The vertex of each sample: first the samples that move, then input vertices that are the center of a patch, then other input
+    /// vertices.
     pub(super) sites: Vec<u32>,
     /// The number of samples that move.
     pub(super) movable: usize,
-    /// The samples in each patch, the farthest first: far samples differ most, so most comparisons end early.
+    /// For each patch, its samples, the farthest first. Samples far from the center differ most, so most comparisons end early.
     pub(super) members: Lists,
-    /// For each entry of `members`, the center of its patch.
+    /// For each entry of `members`, the index of the patch that it belongs to.
     pub(super) centers: Vec<u32>,
-    /// For each movable sample, its entries in `members`.
+    /// For each sample that moves, the entries of `members` that contain it.
     pub(super) entries: Lists,
-    /// For each center, the adjacent centers.
+    /// For each patch, the patches with the nearest centers.
     pub(super) near: Lists,
-    /// For each sample, the vertices whose area vectors are summed for its normal.
+    /// For each sample, the vertices whose area vectors are summed to get its normal.
     neighborhoods: Lists,
 }
 
-/// Maximum number of adjacent centers that are listed for a center.
+/// Maximum number of nearest centers that are listed for a patch.
 const MAX_NEIGHBORS: usize = 6;
 
 impl Patches {
-    /// Chooses samples among the missing vertices, which are those from `data` on, and among the data vertices that a patch around a
-    /// missing vertex can contain. `distances` has, for each data vertex, the distance to the nearest missing vertex.
+    /// Chooses samples among the fill's vertices, whose indices begin at `data`, and among the input vertices that a patch around one of
+    /// them can contain. `distances` has, for each input vertex, the distance to the nearest vertex of the fill.
     pub(super) fn new(
         surface: &Surface<'_>,
         points: &[Point3<f64>],
@@ -54,7 +55,7 @@ impl Patches {
         let movable = thin(surface, points, data as u32..count as u32, scale.moving);
         let close = (0..data as u32).filter(|&v| distances[v as usize] <= 2.0 * scale.radius);
         let fixed = thin(surface, points, close, scale.spacing);
-        // A sample is the center of a patch if the patch contains a missing vertex.
+        // A sample is the center of a patch if the patch contains a vertex of the fill.
         let (inside, outside): (Vec<u32>, Vec<u32>) =
             fixed.into_iter().partition(|&v| distances[v as usize] <= scale.radius);
         let mut patches = balls(surface, points, &movable, scale.radius);
@@ -84,7 +85,7 @@ impl Patches {
         }
         let near = Lists::collect(patches.iter().map(|patch| -> Vec<u32> {
             let centers = patch.iter().rev().filter(|&&site| (site as usize) < patches.len());
-            // The nearest center is the sample itself and is skipped.
+            // Skip the nearest center: it is that of the patch itself.
             centers.skip(1).take(MAX_NEIGHBORS).copied().collect()
         }));
         let members = Lists::collect(patches.iter());
@@ -101,12 +102,12 @@ impl Patches {
         Self { sites, movable: moves, members, centers, entries, near, neighborhoods }
     }
 
-    /// The number of patches; the first samples are their centers.
+    /// Returns the number of patches. Patch `k` has its center at sample `k`.
     pub(super) fn len(&self) -> usize {
         self.members.len()
     }
 
-    /// Returns the normal at each sample: the mean over the surface around it.
+    /// Returns the normal at each sample: the mean over the surrounding surface.
     pub(super) fn normals(&self, areas: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         (0..self.sites.len())
             .into_par_iter()
@@ -124,7 +125,7 @@ impl Patches {
     }
 }
 
-/// Returns the vertices within a radius of each of some vertices; see [`Surface::ball`].
+/// Returns, for each vertex in `centers`, the vertices within a radius of it; see [`Surface::ball`].
 fn balls(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
@@ -141,7 +142,7 @@ fn balls(
         .collect()
 }
 
-/// Returns a subset of the vertices that are at least `spacing` apart, chosen in their order; all vertices if `spacing` is 0.
+/// Returns a subset of the vertices that are at least `spacing` apart, chosen in the given order; all vertices if `spacing` is 0.
 pub(super) fn thin(
     surface: &Surface<'_>,
     points: &[Point3<f64>],

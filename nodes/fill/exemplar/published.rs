@@ -1,4 +1,4 @@
-//! The completion as published: the density of the fill changes with the levels.
+//! The published method of filling holes with parts of the input surface: the vertex density of the fill changes from level to level.
 
 use maquette_node::Progress;
 use maquette_value::TraceStep;
@@ -15,14 +15,15 @@ use super::surface::Surface;
 use crate::triangles::density::RefineError;
 use crate::triangles::filling::Filling;
 
-/// Remeshes the fill to at least the given edge length, or to the edge length of the data if that is larger.
+/// Remeshes the fill to the given edge length, or to the edge length of the input mesh if that is larger.
 pub(crate) type Density<'a> =
     dyn FnMut(&mut Filling, f64, &Progress<'_>) -> Result<(), RefineError> + 'a;
 
-/// Completes the surface by moving the filled vertices to the positions given by their exemplars, and remeshes the fill on each level.
+/// Moves the vertices of the fill to the positions given by their exemplars (patches of the input surface), and remeshes the fill on each
+/// level.
 ///
-/// Kawai, Sato and Yokoya (2008): edges are split and collapsed to the sample distance of each level, so that finer features of the start
-/// do not survive a coarse level.
+/// Kawai, Sato and Yokoya (2008): edges are split and collapsed to the sample distance of each level, so that finer features of the initial
+/// fill do not survive a coarse level.
 ///
 /// # Errors
 /// Returns an error if there would be too many triangles, or if the evaluation is cancelled.

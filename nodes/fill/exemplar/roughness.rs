@@ -9,17 +9,17 @@ use super::surface::{NONE, Surface};
 /// A part of a surface, prepared for measuring its roughness.
 pub(super) struct Roughness<'a> {
     surface: &'a Surface<'a>,
-    /// The vertices of the part, followed by the vertices within [`STEPS`] edges of the part.
+    /// The vertices of the part, followed by other vertices within [`STEPS`] edges of it.
     vertices: Vec<u32>,
     /// The number of vertices in the part.
     count: usize,
     /// For each vertex, the indices of its neighbors among `vertices`.
     rings: Lists,
-    /// For each edge of the part, its two faces.
+    /// The two faces of each edge that has an end in the part.
     sides: Vec<[u32; 2]>,
 }
 
-/// Number of smoothing steps; in each, vertices move halfway to the mean of their neighbors.
+/// Number of smoothing steps. In each step, vertices move halfway to the mean of their neighbors.
 const STEPS: usize = 4;
 
 impl<'a> Roughness<'a> {
@@ -49,15 +49,15 @@ impl<'a> Roughness<'a> {
         Self { surface, vertices, count, rings, sides }
     }
 
-    /// Returns a measure of roughness for comparisons: mostly the deviation from the surface smoothed over a few edges, partly the bending
-    /// of single edges. The deviation alone cannot distinguish broad waves from fine ones; the bending alone depends more on the
+    /// Returns a measure of roughness for comparisons. It consists of the deviation from the smoothed surface, weighted more, and the
+    /// bending of edges. The deviation alone cannot distinguish broad waves from fine ones; the bending alone depends more on the
     /// triangulation than on the surface.
     pub(super) fn measure(&self, points: &[Point3<f64>]) -> f64 {
         let deviation = self.deviation(points);
         libm::cbrt(deviation * deviation * self.bend(points))
     }
 
-    /// Returns the mean distance of the vertices, along their normals, from their positions after smoothing.
+    /// Returns the mean distance, along the normals, between the vertices and their positions after smoothing.
     fn deviation(&self, points: &[Point3<f64>]) -> f64 {
         let mut smooth: Vec<Point3<f64>> =
             self.vertices.iter().map(|&vertex| points[vertex as usize]).collect();
@@ -84,7 +84,7 @@ impl<'a> Roughness<'a> {
             / self.count.max(1) as f64
     }
 
-    /// Returns the mean angle of the edges.
+    /// Returns the mean absolute dihedral angle of the edges.
     fn bend(&self, points: &[Point3<f64>]) -> f64 {
         self.sides
             .iter()

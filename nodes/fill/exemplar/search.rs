@@ -1,8 +1,8 @@
-//! Finds the exemplar that is most similar to a patch of the filled surface.
+//! Finds the exemplar (a patch of the input surface) that is most similar to a patch of the fill.
 //!
 //! The candidates for a patch are the exemplars with the most similar descriptors, those next to the matches of adjacent patches, the
-//! previous match, and random exemplars near the best one: Barnes, Shechtman, Finkelstein and Goldman, "PatchMatch" (2009), here for all
-//! patches at once. The patches with the worst matches are compared with all exemplars.
+//! previous match, and random exemplars near the best one. The random search is that of Barnes, Shechtman, Finkelstein and Goldman,
+//! "PatchMatch" (2009), here for all patches at once. In full searches, the patches with the worst matches are compared with all exemplars.
 
 use std::ops::Range;
 
@@ -20,7 +20,7 @@ use super::patches::Patches;
 use super::surface::{NONE, Surface};
 use super::tints::{Color, PART, Tint};
 
-/// A position at which to try exemplars: a data vertex near it, and an orientation.
+/// A position near which to try exemplars: an input vertex near it, the position itself, and an orientation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hint {
     pub(super) from: u32,
@@ -28,7 +28,7 @@ pub(super) struct Hint {
     pub(super) orientation: u8,
 }
 
-/// The state of all patches in one iteration.
+/// The positions, normals and frames of all patches in one iteration.
 pub(super) struct Scene<'a> {
     pub(super) points: &'a [Point3<f64>],
     /// The normals of all samples.
@@ -37,7 +37,7 @@ pub(super) struct Scene<'a> {
     pub(super) frames: &'a [Frame],
 }
 
-/// The data that a search uses in all iterations of a level.
+/// The inputs of a search that are the same in all iterations of a level.
 pub(super) struct Search<'a> {
     pub(super) surface: &'a Surface<'a>,
     pub(super) data: &'a [Point3<f64>],
@@ -51,16 +51,16 @@ pub(super) struct Search<'a> {
     pub(super) seed: u64,
 }
 
-/// The number of candidates that the k-d tree yields, over all orientations.
+/// The number of candidates from the k-d tree of descriptors, over all orientations.
 const FROM_TREE: usize = 16;
 
-/// The number of random candidates. The distance of each from the best match is half of the distance of the previous one.
+/// The number of random candidates. Each is half as far from the best match as the one before.
 const RANDOM: u64 = 4;
 
-/// The buffers of a search.
+/// Buffers for the search of one patch, reused for other patches.
 pub(super) struct Scratch {
     patch: PatchSamples,
-    /// The views of the patch in each orientation; empty until first used.
+    /// The samples of the patch, prepared for each orientation; empty until first used.
     views: Vec<Vec<View<LANES>>>,
     tint: Tint,
     seen: Vec<(u32, u8)>,
@@ -82,8 +82,8 @@ impl Scratch {
 }
 
 impl Search<'_> {
-    /// Returns the best exemplar for a patch among the candidates. `before` contains the previous matches of all patches, or is empty;
-    /// `hint` is a position to try; `far` adds candidates from all exemplars, in addition to those near known matches.
+    /// Returns the best exemplar for a patch among the candidates. `before` contains the previous matches of all patches, or is empty.
+    /// `hint` is a position to try. `far` adds candidates from all exemplars; otherwise only those near known matches are candidates.
     pub(super) fn best(
         &self,
         scene: &Scene<'_>,
@@ -133,7 +133,7 @@ impl Search<'_> {
         scratch.tint = self.tint(center, &scratch.patch);
     }
 
-    /// Prepares comparisons of the patch with exemplars in one orientation.
+    /// Prepares the samples of the patch for comparisons with exemplars in the given orientation.
     fn prepare_view(&self, orientation: u8, scratch: &mut Scratch) {
         let view = &mut scratch.views[usize::from(orientation)];
         if view.is_empty() {
@@ -156,7 +156,7 @@ impl Search<'_> {
         patch.prepare(self.radius, true);
     }
 
-    /// Returns the mean color of a patch and its slopes in the patch's frame, or a default if colors are not compared.
+    /// Returns the mean color of a patch and the color's slopes in the patch's frame; the default value if colors are not compared.
     fn tint(&self, center: usize, patch: &PatchSamples) -> Tint {
         if self.colors.is_empty() {
             return Tint::default();
@@ -186,7 +186,7 @@ impl Search<'_> {
         widest(Comparisons { search: self, scratch, exemplars, orientation, best });
     }
 
-    /// Compares the patches with the worst matches with all exemplars; the allowed number of comparisons limits the number of patches.
+    /// Compares the patches with the worst matches with all exemplars, as many patches as the allowed number of comparisons permits.
     pub(super) fn improve_worst_matches(
         &self,
         scene: &Scene<'_>,
@@ -210,7 +210,7 @@ impl Search<'_> {
         worst.iter().zip(found).for_each(|(&center, found)| matches[center as usize] = found);
     }
 
-    /// Returns the best of all exemplars for a patch, or `found` if none is better.
+    /// Returns the best of all exemplars for a patch; `found` if no exemplar is better.
     fn best_of_all(
         &self,
         scene: &Scene<'_>,
@@ -295,7 +295,7 @@ impl Search<'_> {
     }
 }
 
-/// A kernel that finds the best of some exemplars in one orientation.
+/// A kernel that finds the best of a range of exemplars in one orientation.
 struct Comparisons<'a> {
     search: &'a Search<'a>,
     scratch: &'a Scratch,
@@ -313,7 +313,7 @@ impl Kernel for Comparisons<'_> {
     }
 }
 
-/// Returns two pseudorandom numbers from -1 to 1, which depend on the key only.
+/// Returns two pseudorandom numbers from -1 to 1 that depend only on `key`.
 fn random(key: [u64; 4]) -> [f64; 2] {
     // The mixing function of Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
     fn mix(mut x: u64) -> u64 {

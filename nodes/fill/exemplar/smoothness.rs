@@ -1,20 +1,19 @@
-//! Measures the error of thin plates. The middles of exemplars are treated as missing, filled with plates, and compared with the known
-//! heights.
+//! Measures the error of thin plates as fills: removes the centers of exemplars (patches of the input surface), fills them with thin
+//! plates, and compares these with the known heights.
 
 use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 
 use super::exemplars::Exemplars;
 use super::heights::{NODES, SIDE};
 
-/// Maximum number of exemplars that are tried.
+/// Maximum number of exemplars that are measured.
 const MAX_EXEMPLARS: usize = 512;
 
-/// Radius of the part treated as missing, in radii of the exemplar's disk. It equals the ratio of a hole's radius to the radius of a patch
-/// that spans the hole.
+/// Radius of the part of an exemplar that is treated as a hole, divided by the radius of the exemplar's disk. It equals the ratio of a
+/// hole's radius to the radius of a patch that spans the hole.
 pub(super) const HOLE_RATIO: f64 = 0.5;
 
-/// Returns the root mean square difference between exemplars and the thin plates that would fill them if their middles were missing;
-/// infinite without exemplars.
+/// Returns the root mean square difference between exemplars and thin plates that fill their centers; infinite if there are no exemplars.
 pub(super) fn plate_error(exemplars: &Exemplars) -> f64 {
     let missing = exemplars.lattice.nodes_within(HOLE_RATIO);
     let mut unknown = [None; NODES];
@@ -60,7 +59,7 @@ pub(super) fn plate_error(exemplars: &Exemplars) -> f64 {
     if count == 0 { f64::INFINITY } else { (sum / count as f64).sqrt() }
 }
 
-/// The thin plate stencil on a square lattice: offsets of nodes and their weights.
+/// The finite-difference stencil of a thin plate on a square lattice: index offsets of nodes and their weights.
 const PLATE: [(i32, f64); 13] = {
     let row = SIDE as i32;
     [

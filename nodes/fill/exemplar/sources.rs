@@ -1,4 +1,4 @@
-//! The part of a picture that each filled face shows.
+//! The part of the texture that each face of the fill shows.
 
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
@@ -8,19 +8,19 @@ use super::level::Outcome;
 use super::orientations::Orientations;
 use super::surface::{NONE, Surface};
 
-/// For each filled face, the data face that it copies and the barycentric coordinates of the filled face's corners in the data face; the
-/// coordinates of a corner outside the data face are partly negative. `None` for a face that copies nothing.
+/// For each face of the fill, the input face that it copies, and the barycentric coordinates of its corners in the input face. Some
+/// coordinates of a corner outside the input face are negative. `None` for a face that copies nothing.
 #[derive(Debug)]
 pub(crate) struct Sources(Vec<Option<(u32, [[f64; 3]; 3])>>);
 
 impl Sources {
-    /// Returns sources in which no face copies anything.
+    /// Returns a value in which no face copies anything.
     pub(super) fn empty() -> Self {
         Self(Vec::new())
     }
 
-    /// Finds the sources of the faces with the indices from `kept` on. `cells` has, for each missing vertex, the patch whose exemplar it
-    /// copies.
+    /// Finds the sources of the faces with the indices from `kept` on. `cells` has, for each vertex of the fill, the index of the patch
+    /// whose exemplar the vertex copies.
     pub(super) fn new(
         outcome: &Outcome,
         exemplars: &Exemplars,
@@ -48,7 +48,7 @@ impl Sources {
             let vertex = surface.walk_to_nearest(points, from, &middle, data as u32);
             let around =
                 surface.faces_around(vertex).iter().filter(|&&face| (face as usize) < kept);
-            // Find the data face that contains the middle of the filled face, or nearly contains it.
+            // Find the input face that contains the center of the fill's face, or that comes nearest to containing it.
             let depths = around.filter_map(|&face| {
                 let weights = barycentric_weights(&middle, surface.corners(points, face))?;
                 Some((weights.into_iter().fold(f64::INFINITY, f64::min), face))
@@ -62,13 +62,14 @@ impl Sources {
         Self(faces.map(source).collect())
     }
 
-    /// Returns the source of a filled face, counted from the first filled face.
+    /// Returns the source of a face, given by its index among the faces of the fill.
     pub(crate) fn get(&self, filled: usize) -> Option<(u32, [[f64; 3]; 3])> {
         self.0.get(filled).copied().flatten()
     }
 }
 
-/// Returns the most frequent cell among the corners of a face; if several are equally frequent, the first of them.
+/// Returns the most frequent cell among the corners of a face; if several are equally frequent, the first of them. `None` if it is
+/// [`NONE`].
 fn cell_of(cells: [u32; 3]) -> Option<u32> {
     fn times(cell: u32, cells: [u32; 3]) -> usize {
         cells.iter().filter(|&&other| other == cell).count()

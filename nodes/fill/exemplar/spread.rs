@@ -1,12 +1,12 @@
-//! Thin plates over the missing part of the surface; the data do not move.
+//! Thin plates over the vertices of a fill; the vertices of the input mesh do not move.
 
 use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 use nalgebra::{Point3, Vector3};
 
 use super::surface::Surface;
 
-/// The equations of a plate. The energy is the sum of the squared Laplacians at the missing vertices and at the rim, and of the squared
-/// motions of held vertices.
+/// The equations of a thin plate. Its energy is the sum of the squared Laplacians at the fill's vertices and at the rims, plus the squared
+/// motions of the vertices that are held.
 pub(super) struct Plate<'a> {
     surface: &'a Surface<'a>,
     factors: Cholesky,
@@ -14,8 +14,8 @@ pub(super) struct Plate<'a> {
 }
 
 impl<'a> Plate<'a> {
-    /// Creates a plate over the vertices from `first` on, each held with the stiffness `hold`. Returns `None` if the equations have no
-    /// solution.
+    /// Creates a plate over the vertices from index `first` on, each held at its position with the stiffness `hold`. Returns `None` if the
+    /// equations have no unique solution.
     pub(super) fn new(
         surface: &'a Surface<'a>,
         vertices: usize,
@@ -52,7 +52,7 @@ impl<'a> Plate<'a> {
         Some(Self { surface, factors, first })
     }
 
-    /// Returns the displacement of each missing vertex under a load per vertex.
+    /// Returns the displacement of each vertex of the fill under the given loads per vertex.
     pub(super) fn solve(&self, mut load: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
         self.factors.solve(&mut load);
         load
@@ -70,19 +70,19 @@ impl<'a> Plate<'a> {
     }
 }
 
-/// Stiffness that holds the moved vertices, relative to the plate. With less, the plate does not follow waves two samples long; with more,
-/// it bends at each sample.
+/// Stiffness that holds the given motions, relative to that of the plate. With a smaller value, the plate does not follow waves two samples
+/// long. With a larger value, it bends at each sample.
 const STIFFNESS: f64 = 100.0;
 
-/// Spreads the motions of some missing vertices to all of them.
+/// Spreads the motions of some vertices of the fill to all of its vertices.
 pub(super) struct Spread<'a> {
     plate: Plate<'a>,
     moved: Vec<u32>,
 }
 
 impl<'a> Spread<'a> {
-    /// Creates an operator that spreads the motions of the vertices in `moved` to all vertices from the index `first` on. Returns `None` if
-    /// the equations have no solution.
+    /// Creates an operator that spreads the motions of the vertices `moved` to all vertices from the index `first` on. Returns `None` if
+    /// the equations have no unique solution.
     pub(super) fn new(
         surface: &'a Surface<'a>,
         vertices: usize,
@@ -95,7 +95,7 @@ impl<'a> Spread<'a> {
         Some(Self { plate, moved: moved.to_vec() })
     }
 
-    /// Moves all missing vertices; `motions` are the given motions of the vertices in `moved`.
+    /// Moves all vertices of the fill. `motions` has the given motion of each vertex in `moved`.
     pub(super) fn apply(&self, motions: &[Vector3<f64>], points: &mut [Point3<f64>]) {
         let first = self.plate.first;
         let mut load = vec![[0.0; 3]; points.len() - first];

@@ -1,4 +1,4 @@
-//! The neighborhoods of a triangle mesh: the faces and vertices around each vertex, with searches over them.
+//! The faces and vertices around each vertex of a triangle mesh, and searches over them.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -9,14 +9,14 @@ use nalgebra::{Point3, Vector3};
 /// Index of a face or vertex that does not exist.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// The neighborhoods of a triangle mesh.
+/// The adjacency of a triangle mesh.
 pub(super) struct Surface<'a> {
     pub(super) faces: &'a [[u32; 3]],
     /// The faces around each vertex.
     around: Lists,
     /// The vertices connected to each vertex by an edge, ascending.
     rings: Lists,
-    /// For each face, the adjacent faces: entry `k` is across the edge from corner `k` to the next.
+    /// For each face, the adjacent faces: entry `k` is the face across the edge from corner `k` to the next corner.
     adjacent: Vec<[AdjacentFace; 3]>,
 }
 
@@ -32,7 +32,7 @@ pub(super) struct AdjacentFace {
 }
 
 impl<'a> Surface<'a> {
-    /// Creates the neighborhoods of a mesh with the given number of vertices.
+    /// Builds the adjacency of a mesh with the given number of vertices.
     pub(super) fn new(vertices: usize, faces: &'a [[u32; 3]]) -> Self {
         let around = Lists::group(vertices, || {
             (0u32..).zip(faces).flat_map(|(face, ends)| ends.map(|end| (end, face)))
@@ -80,7 +80,7 @@ impl<'a> Surface<'a> {
         self.around.list(vertex as usize)
     }
 
-    /// Returns the face across the edge from a corner of a face to the next corner.
+    /// Returns the face across the edge from corner `corner` of a face to the next corner.
     #[inline(always)]
     pub(super) fn adjacent_face(&self, face: u32, corner: usize) -> AdjacentFace {
         self.adjacent.as_flattened()[3 * face as usize + corner]
@@ -113,7 +113,7 @@ impl<'a> Surface<'a> {
             .sum()
     }
 
-    /// Returns the vertices within a distance `radius` of a vertex that are connected to it by edges inside this ball, the vertex itself
+    /// Returns the vertices within the distance `radius` of a vertex that are connected to it by edges inside this ball, the vertex itself
     /// first. Vertices for which `open` is false are left out.
     pub(super) fn ball(
         &self,
@@ -140,7 +140,8 @@ impl<'a> Surface<'a> {
         reached
     }
 
-    /// Walks along edges from vertex to vertex, each nearer to `to` and with an index below `limit`. Returns the last vertex.
+    /// Walks along edges from vertex to vertex as long as the distance to `to` decreases, using vertices with an index below `limit`.
+    /// Returns the last vertex.
     pub(super) fn walk_to_nearest(
         &self,
         points: &[Point3<f64>],
@@ -163,8 +164,8 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// Returns, for each vertex, the nearest source as propagated along edges from neighbor to neighbor. [`NONE`] beyond the distance
-    /// `max_distance` and for vertices that no edges connect to a source.
+    /// Returns, for each vertex, the nearest of the vertices in `sources`, found approximately by passing sources from neighbor to
+    /// neighbor. [`NONE`] if the distance exceeds `max_distance` or if no edges connect the vertex to a source.
     pub(super) fn nearest(
         &self,
         points: &[Point3<f64>],
@@ -172,7 +173,7 @@ impl<'a> Surface<'a> {
         max_distance: f64,
     ) -> Vec<u32> {
         let mut nearest = vec![NONE; points.len()];
-        // Distances are nonnegative, so their bits have the order of the numbers.
+        // Distances are nonnegative, so their bits sort in the order of the numbers.
         let mut queue: BinaryHeap<_> = sources.map(|source| Reverse((0, source, source))).collect();
         while let Some(Reverse((_, source, vertex))) = queue.pop() {
             if nearest[vertex as usize] != NONE {
@@ -190,14 +191,14 @@ impl<'a> Surface<'a> {
     }
 }
 
-/// Marks the vertices that a search has visited. Starting another search clears the marks at no cost.
+/// The set of vertices that a search has visited. It is cleared in constant time.
 pub(super) struct Marks {
     seen: Vec<u32>,
     now: u32,
 }
 
 impl Marks {
-    /// Creates marks for the given number of vertices.
+    /// Creates an empty set for the given number of vertices.
     pub(super) fn new(vertices: usize) -> Self {
         Self { seen: vec![0; vertices], now: 0 }
     }
@@ -206,7 +207,7 @@ impl Marks {
         self.now += 1;
     }
 
-    /// Marks a vertex; returns true if it was not marked before.
+    /// Adds a vertex to the set; returns true if it was not in the set.
     fn mark(&mut self, vertex: u32) -> bool {
         std::mem::replace(&mut self.seen[vertex as usize], self.now) != self.now
     }

@@ -25,12 +25,12 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// Returns the root mean square distance of the filled part from a unit sphere.
+/// Returns the root mean square distance of the fill's vertices from the unit sphere.
 fn off_sphere(filling: &Filling) -> f64 {
     rms(filling.points[filling.n_data_vertices..].iter().map(|point| point.coords.norm() - 1.0))
 }
 
-/// Returns the root mean square distance of the filled part from the ridge.
+/// Returns the root mean square distance of the fill's vertices from the surface given by `ridge`.
 fn off_ridge(filling: &Filling) -> f64 {
     rms(filling.points[filling.n_data_vertices..].iter().map(|point| point.z - ridge(point.x)))
 }
@@ -52,7 +52,7 @@ fn a_plane_converges_at_once() {
     assert!(done.trace.last().unwrap().iteration < 2 * levels, "{:?}", done.trace);
 }
 
-/// Returns the setup of the reference measurement: a sphere whose cap of 28 degrees is missing and flattened.
+/// Returns the setup of the reference measurement: a sphere in which a cap with a half angle of 28 degrees is missing and filled flat.
 fn flat_cap() -> (Filling, ExemplarOptions) {
     let limit = libm::cos(28.0_f64.to_radians());
     let mut filling = sphere(3, |point| point.z > limit);
@@ -107,7 +107,7 @@ fn a_ridge_is_completed_better_than_by_a_plate() {
     assert!(end < start && end <= 0.009, "{start} {end}");
 }
 
-/// Returns a surface with bumps that do not repeat exactly.
+/// Returns a surface with a hole and with bumps that do not repeat exactly.
 fn bumps() -> Filling {
     let mut filling = grid(
         41,
@@ -163,7 +163,7 @@ fn exemplars_come_from_where_they_are_allowed() {
     assert!(done.copies.exemplar.iter().all(|&vertex| vertex != NONE && allowed[vertex as usize]));
 }
 
-/// Returns two sums of squared distances: of the matches that the search finds, and of the best matches.
+/// Returns two sums of squared distances to patches: of the matches that the fast search finds, and of the best matches.
 fn found_and_best(filling: &mut Filling, options: &ExemplarOptions) -> [f64; 2] {
     let Filling { points, faces, n_data_vertices: data, n_data_faces: kept } = filling;
     let surface = Surface::new(points.len(), faces);
@@ -242,7 +242,7 @@ fn the_fast_search_finds_nearly_the_best() {
 
 #[test]
 fn the_fast_search_finds_nearly_the_best_among_sharp_edges() {
-    // The roofs have various widths, steep sides and gable ends.
+    // The surface has roofs of various widths, with steep sides and gable ends.
     let mut filling = grid(
         71,
         |x, y| x * x + y * y < 0.1,
@@ -294,7 +294,7 @@ fn the_published_update_rounds_a_cap_too() {
 
 #[test]
 fn a_filled_part_is_as_rough_as_what_is_around_it() {
-    // The bumps are four edges wide; a plate across the hole has no bumps.
+    // The bumps are four edges wide; a thin plate across the hole has no bumps.
     let shared = grid(
         41,
         |x, y| x * x + y * y < 0.05,
@@ -311,7 +311,7 @@ fn a_filled_part_is_as_rough_as_what_is_around_it() {
     assert!(start < 0.5 * truth && (end / truth - 1.0).abs() < 0.25, "{start} {end} {truth}");
 }
 
-/// Returns the 10th, 25th, 50th, 75th and 90th percentile of the absolute angles of the edges for whose corners `is_in` is true.
+/// Returns the 10th, 25th, 50th, 75th and 90th percentile of the absolute dihedral angles of the edges for whose corners `is_in` is true.
 fn bends(filling: &Filling, is_in: impl Fn([u32; 4]) -> bool) -> [f64; 5] {
     let surface = Surface::new(filling.points.len(), &filling.faces);
     let edges = dihedral_angles::hinges(&surface).filter(|&corners| is_in(corners));
@@ -335,7 +335,7 @@ fn filled_curls_have_the_angles_of_their_surroundings() {
     plate(&mut filling);
     let data = filling.n_data_vertices as u32;
     run(&mut filling, &ExemplarOptions::default());
-    // The region extends as far from the hole as the hole is wide.
+    // The compared region extends as far from the hole as the hole is wide.
     fn is_near_hole(vertex: u32, filling_points: &[Point3<f64>]) -> bool {
         filling_points[vertex as usize].xy().coords.norm() < 0.74
     }
@@ -379,7 +379,7 @@ fn votes_average_the_attributes_of_exemplars() {
         let [a, b] = mean.expect("every filled vertex has votes");
         assert!((a - 0.25).abs() < 1e-12 && (b - 4.0).abs() < 1e-12);
     }
-    // An attribute with two values is mixed where exemplars differ.
+    // An attribute with two values is mixed where the averaged exemplars differ in it.
     let sides = done
         .copies
         .votes

@@ -1,4 +1,4 @@
-//! The mean and the gradient of the colors over a patch.
+//! The mean and the gradient of the vertex colors over a patch.
 
 use super::descriptor::{COUNT, Descriptor, KEPT};
 use super::frame::Orientation;
@@ -6,11 +6,12 @@ use super::frame::Orientation;
 /// A color scaled to lengths in mm, so that color differences can be added to distances.
 pub(super) type Color = [f64; 3];
 
-/// Fraction of a patch's radius within which colors are compared: as far as a cell may copy. With the whole patch, patches whose middles
-/// differ look alike; with half of it, neighboring patches agree less about the picture.
+/// Fraction of a patch's radius within which colors are compared. It is the maximum distance from a patch's center at which vertices copy
+/// from the patch. With the whole patch, patches with different centers look alike. With half of it, the textures that neighboring patches
+/// copy agree less.
 pub(super) const PART: f64 = 0.7;
 
-/// The colors in the middle of a patch: their mean, and the change of the color per radius along `x` and `y`.
+/// The colors around the center of a patch: their mean, and the change of the color per radius along `x` and `y`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Tint {
     mean: Color,
@@ -18,7 +19,7 @@ pub(super) struct Tint {
 }
 
 impl Tint {
-    /// Computes the mean and slopes of colors at positions spread over a disk, in radii.
+    /// Computes the mean and slopes of the colors at some positions in a disk. Positions are divided by the disk's radius.
     pub(super) fn new(samples: impl Iterator<Item = ([f64; 2], Color)> + Clone) -> Self {
         let (mut sum, mut count) = ([0.0; 3], 0.0_f64);
         for (_, color) in samples.clone() {
@@ -37,7 +38,7 @@ impl Tint {
         Self { mean, slopes }
     }
 
-    /// Returns the mean over the disk of the squared color differences from an exemplar in an orientation.
+    /// Returns the mean over the disk of the squared color differences to `exemplar`, which is seen in the given orientation.
     pub(super) fn compare(&self, exemplar: &Self, orientation: &Orientation) -> f64 {
         let back = orientation.inverse();
         let [l, a, b] = [0, 1, 2].map(|k: usize| {
@@ -49,7 +50,7 @@ impl Tint {
         l + a + b
     }
 
-    /// Stores the mean color in a descriptor, replacing the least significant components.
+    /// Stores the mean color in a descriptor, in place of the least significant principal components.
     pub(super) fn put(&self, descriptor: &mut Descriptor) {
         for (own, channel) in descriptor[KEPT - 3..].iter_mut().zip(self.mean) {
             *own = (channel * (COUNT as f64).sqrt()) as f32;

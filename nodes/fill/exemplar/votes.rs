@@ -1,4 +1,4 @@
-//! The attributes of filled vertices, as means over the exemplars of the patches around them.
+//! The attributes of the fill's vertices, as weighted means over input vertices that surrounding patches copy.
 
 use maquette_value::parallel::*;
 use nalgebra::Point3;
@@ -8,8 +8,8 @@ use super::level::Outcome;
 use super::orientations::Orientations;
 use super::surface::{NONE, Surface};
 
-/// For each filled vertex, the data vertices whose attributes it averages, and their weights. Each patch around the vertex contributes the
-/// data vertex at the filled vertex's position on the patch's exemplar.
+/// For each vertex of the fill, the input vertices whose attributes it averages (votes), and their weights. Each patch around the vertex
+/// contributes the input vertex at the position that the vertex has on the patch's exemplar.
 #[derive(Debug)]
 pub(crate) struct Votes {
     starts: Vec<u32>,
@@ -66,12 +66,12 @@ impl Votes {
         all
     }
 
-    /// Returns the votes for a filled vertex, counted from the first filled vertex.
+    /// Returns the votes for a vertex, given by its index among the fill's vertices.
     fn votes_for(&self, filled: usize) -> &[(u32, f64)] {
         &self.votes[self.starts[filled] as usize..self.starts[filled + 1] as usize]
     }
 
-    /// For each filled vertex, returns the weighted mean of `read` over its votes; `None` without votes.
+    /// For each vertex of the fill, returns the weighted mean of `read` over the input vertices that vote for it; `None` if there are none.
     pub(crate) fn mean<const N: usize>(
         &self,
         read: impl Fn(u32) -> [f64; N],

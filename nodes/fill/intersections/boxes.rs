@@ -1,4 +1,4 @@
-//! A bounding volume hierarchy over triangles, which finds the triangles near others.
+//! A bounding volume hierarchy over triangles. It finds the triangles whose boxes overlap a given box.
 
 use nalgebra::Point3;
 
@@ -43,15 +43,15 @@ impl Bounds {
     }
 
     pub(crate) fn overlaps(&self, other: &Self) -> bool {
-        // All comparisons are evaluated without branches, which would be unpredictable.
+        // Evaluate all comparisons without branches, which the processor could not predict.
         (0..3).fold(true, |overlap, k| {
             overlap & (self.low[k] <= other.high[k]) & (other.low[k] <= self.high[k])
         })
     }
 
-    /// Returns one bit for each side of this box beyond which a point is. The box of a triangle overlaps this box unless the outcodes of
-    /// its corners have a bit in common. Cohen and Sutherland's clipping, in Newman and Sproull, "Principles of interactive computer
-    /// graphics" (1973).
+    /// Returns one bit for each face plane of this box that has the point on its outer side. The box of a triangle overlaps this box unless
+    /// the outcodes of its corners have a bit in common. Cohen and Sutherland's clipping, in Newman and Sproull, "Principles of interactive
+    /// computer graphics" (1973).
     pub(crate) fn outcode(&self, point: &Point3<f64>) -> u8 {
         (0..3).fold(0, |code, k| {
             let [below, above] = [point[k] < self.low[k], self.high[k] < point[k]].map(u8::from);
@@ -70,11 +70,11 @@ const LEAF_SIZE: usize = 4;
 /// Maximum number of triangles of a subtree that is built on one thread.
 const MAX_SEQUENTIAL: usize = 512;
 
-/// Triangles in a bounding volume hierarchy.
+/// Triangles in a bounding volume hierarchy, which finds those near a box.
 #[derive(Default)]
 pub(crate) struct Boxes {
     triangles: Vec<BoxedTriangle>,
-    /// The nodes in depth-first order: each node is followed by its subtree.
+    /// The nodes in depth-first order: each node is followed by the nodes of its subtree.
     nodes: Vec<Node>,
 }
 
@@ -88,7 +88,7 @@ struct Node {
     bounds: Bounds,
     /// The number of nodes in the subtree of this node, not counting the node itself.
     below: u32,
-    /// Index of the first triangle of a leaf. The triangles of an inner node are an empty range.
+    /// Index of the first triangle of a leaf, `last` is the end of the range. For an inner node the range is empty.
     first: u32,
     last: u32,
 }
@@ -96,7 +96,7 @@ struct Node {
 impl Boxes {
     pub(crate) fn new(triangles: impl Iterator<Item = Triangle>) -> Self {
         let triangles: Vec<Triangle> = triangles.collect();
-        // Indices are reordered instead of triangles, which are larger.
+        // Sort indices instead of triangles, which are larger.
         let bounds = (0..).zip(&triangles).map(|(k, triangle)| (triangle.bounds(), k));
         let mut order: Vec<(Bounds, u32)> = bounds.collect();
         let mut nodes = Vec::with_capacity(triangles.len());
@@ -130,8 +130,8 @@ impl Boxes {
     }
 }
 
-/// Appends to `nodes` the subtree over the triangles `own`; `first` is the index of the first of them. An inner node divides its triangles
-/// into halves along the longest side of its box.
+/// Appends to `nodes` the subtree over the triangles `own`. `first` is the index of the first of these triangles. An inner node divides its
+/// triangles into halves along the longest side of its box.
 fn grow(nodes: &mut Vec<Node>, own: &mut [(Bounds, u32)], first: u32) {
     let bounds = own.iter().fold(Bounds::EMPTY, |bounds, (other, _)| bounds.join(other));
     let (node, count) = (nodes.len(), own.len());
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn all_near_triangles_are_found() {
-        // Most coordinates give small triangles, some give very large ones.
+        // Most values of `k` give small triangles, some give very large ones.
         fn coordinate(k: u32) -> f64 {
             10.0 * random(u64::from(k))
         }

@@ -1,4 +1,4 @@
-//! Reduces the displacements of a completion where the completed surface intersects itself or the data.
+//! Moves the vertices of a fill back towards their initial positions where the fill intersects itself or the input mesh.
 
 use maquette_node::{Error, Progress};
 use nalgebra::Point3;
@@ -6,13 +6,13 @@ use nalgebra::Point3;
 use super::detect::Intersections;
 use crate::triangles::filling::Filling;
 
-/// Number of rounds that halve displacements, followed by the same number of rounds that set displacements to 0.
+/// Number of rounds that halve displacements from the initial fill, and number of the rounds after them that set displacements to 0.
 const HALVING_ROUNDS: usize = 4;
 const ZERO_ROUNDS: usize = 4;
 
-/// Moves the filled vertices of intersecting faces, and of the rings around them, back towards `start` until no faces intersect. Each round
-/// adds one ring of vertices, and the last round all connected vertices: if the start has no intersections, none remain. If the number of
-/// intersecting faces has not decreased in the end, the completion is left unchanged.
+/// Moves the vertices of intersecting faces of the fill, and the rings of vertices around them, back towards their positions `start` until
+/// no faces intersect. Each round adds one ring of vertices, and the last round all connected vertices: if the initial fill has no
+/// intersections, none remain. If the number of intersecting faces has not decreased in the end, the fill is left unchanged.
 ///
 /// # Errors
 /// Returns an error if there would be too many pairs of triangles to test, or if the evaluation is cancelled.
@@ -57,7 +57,7 @@ pub(crate) fn damp_displacements(
     intersections.update(filling, |_| true, progress)
 }
 
-/// Extends the marks `near` by `rings` rings of neighbors; stops early when no neighbors are left.
+/// Sets `near` also for the vertices within `rings` edges of those for which it is true; stops early when no vertex is added.
 fn grow(near: &mut [bool], faces: &[[u32; 3]], rings: usize) {
     for _ in 0..rings {
         let ring: Vec<[u32; 3]> = faces
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn damping_moves_only_intersecting_parts_as_far_as_needed() {
-        // The surface consists of two parallel sheets; the upper one is filled, and bulges through the lower one at one position.
+        // The surface consists of two parallel sheets. The upper one is a fill, and bulges through the lower one at one position.
         let (lower, upper) = (grid(13, 13, |_, _| 0.0), grid(13, 13, |_, _| 1.0));
         let data = lower.positions().len();
         let points: Vec<_> =

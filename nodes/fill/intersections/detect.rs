@@ -1,4 +1,4 @@
-//! Finds intersections of filled triangles with each other and with the data, using exact predicates.
+//! Finds intersections of the fill's triangles with each other and with the input mesh, using exact predicates.
 
 use maquette_node::{Error, Limit, Progress};
 use maquette_value::parallel::*;
@@ -9,37 +9,38 @@ use super::boxes::{Bounds, BoxedTriangle, Boxes, Triangle};
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::area_vector;
 
-/// Maximum number of triangle pairs whose boxes overlap, one triangle of each being filled, in addition to [`USUAL_PAIRS_PER_TRIANGLE`].
-/// Testing them takes some tenths of a second, and at worst all pairs intersect. Triangles as long as the fill overlap all others.
+/// Maximum number of triangle pairs to test, in addition to [`USUAL_PAIRS_PER_TRIANGLE`]. A pair is tested if it contains a triangle of the
+/// fill and its boxes overlap. Testing the maximum takes some tenths of a second. Triangles as long as the fill overlap all others.
 const MAX_PAIRS: Limit = Limit {
     max: 500_000,
     items: "comparisons of triangles",
     help: "check whether a vertex of a rim is an outlier, or leave the rim out with `holes: Edges` or `holes: Loops`",
 };
 
-/// The usual number of overlapping pairs per filled triangle: twice the number found in fills whose triangles are as thin as those of good
-/// data.
+/// The usual number of pairs to test per triangle of the fill: twice the number found in fills whose triangles are no thinner than those of
+/// a good mesh.
 const USUAL_PAIRS_PER_TRIANGLE: usize = 60;
 
-/// The number of leaves from which the number of pairs is estimated.
+/// The number of tree leaves from which the number of pairs is estimated.
 const SAMPLED_LEAVES: usize = 64;
 
-/// The number of leaves that one task tests.
+/// The number of tree leaves that one task tests.
 const CHUNK_SIZE: usize = 32;
 
-/// The intersections of filled triangles with other triangles, apart from shared vertices and edges. When some fills change, only the
-/// triangles of the changed fills are tested again.
+/// The intersections of the fill's triangles with other triangles, apart from shared vertices and edges. When the fills of some holes
+/// change, only the triangles of these fills are tested again.
 pub(crate) struct Intersections {
-    /// The data's triangles that overlap `bounds`.
+    /// The triangles of the input mesh that overlap `bounds`.
     data: Boxes,
     bounds: Bounds,
     filled: Boxes,
-    /// The faces of each intersecting pair, the lower index first; at least one of them is filled. The pairs are in ascending order.
+    /// The faces of each intersecting pair, the lower index first; at least one of them belongs to the fill. The pairs are in ascending
+    /// order.
     pairs: Vec<[u32; 2]>,
 }
 
 impl Intersections {
-    /// Tests all filled faces.
+    /// Tests all faces of the fill.
     ///
     /// # Errors
     /// Returns an error if there would be too many pairs to test, or if the evaluation is cancelled.
@@ -54,7 +55,7 @@ impl Intersections {
         Ok(intersections)
     }
 
-    /// Tests the filled faces for which `changed` returns true, and updates the pairs.
+    /// Tests the faces of the fill for which `changed` returns true, and updates the intersecting pairs.
     ///
     /// # Errors
     /// Returns an error if there would be too many pairs to test, or if the evaluation is cancelled.
@@ -93,7 +94,7 @@ impl Intersections {
         Ok(())
     }
 
-    /// Estimates the number of pairs of a changed triangle and another triangle whose boxes overlap.
+    /// Estimates the number of pairs of triangles whose boxes overlap and of which at least one has changed.
     fn estimate(
         &self,
         leaves: &[&[BoxedTriangle]],
@@ -116,7 +117,7 @@ impl Intersections {
     }
 
     /// Adds the intersecting pairs of the changed triangles in a leaf of `filled`. The triangles of a leaf are close together, so one
-    /// search finds the candidates for all of them.
+    /// search finds the triangles near all of them.
     fn test_leaf(
         &self,
         leaf: &[BoxedTriangle],
@@ -128,7 +129,7 @@ impl Intersections {
         let mut test = |other: &BoxedTriangle, is_data: bool| {
             let (triangle, number) = (&other.triangle, other.triangle.face);
             for own in changed().filter(|own| own.bounds.overlaps(&other.bounds)) {
-                // A pair of two changed triangles is tested once, for the triangle with the lower index.
+                // Test a pair of two changed triangles once, for the triangle with the lower index.
                 let face = own.triangle.face;
                 let is_new = is_data || face < number || (face != number && !is_changed(number));
                 if is_new && intersect(&own.triangle, triangle) {
@@ -140,7 +141,7 @@ impl Intersections {
         self.filled.for_each_near(&bounds, |other| test(other, false));
     }
 
-    /// Extends `data` to all triangles that could intersect a fill within `bounds`.
+    /// Extends `data` to all input triangles that could intersect a fill within `bounds`.
     fn extend_data(&mut self, filling: &Filling, bounds: Bounds) {
         if self.bounds.contains(&bounds) {
             return;
@@ -155,13 +156,13 @@ impl Intersections {
         self.data = Boxes::new(near.map(|(face, _)| Triangle::new(filling, face)));
     }
 
-    /// Renumbers the faces of all pairs; a pair that contains a face without a new number is removed.
+    /// Renumbers the faces of all pairs. A pair is removed if `number` returns `None` for one of its faces.
     pub(crate) fn renumber(&mut self, number: impl Fn(u32) -> Option<u32>) {
         let renumbered = self.pairs.iter().filter_map(|&[a, b]| Some([number(a)?, number(b)?]));
         self.pairs = renumbered.collect();
     }
 
-    /// Returns the filled faces that intersect other faces, in ascending order.
+    /// Returns the faces of the fill that intersect other faces, in ascending order.
     pub(crate) fn faces(&self, filling: &Filling) -> Vec<u32> {
         let faces = self.pairs.as_flattened().iter().copied();
         let mut faces: Vec<u32> =
@@ -171,7 +172,8 @@ impl Intersections {
         faces
     }
 
-    /// Returns the intersecting pairs of faces in ascending order; in each pair the lower index is first, and at least one face is filled.
+    /// Returns the intersecting pairs of faces in ascending order. In each pair the lower index is first, and at least one face belongs to
+    /// the fill.
     pub(crate) fn pairs(&self) -> &[[u32; 2]] {
         &self.pairs
     }
@@ -180,7 +182,7 @@ impl Intersections {
         self.pairs.is_empty()
     }
 
-    /// Calls `found` with each face, of the data or filled, that intersects `triangle`.
+    /// Calls `found` with each face that intersects `triangle`: faces of the input mesh and of the fill.
     pub(crate) fn for_each_intersecting(&self, triangle: &Triangle, mut found: impl FnMut(u32)) {
         for boxes in [&self.data, &self.filled] {
             boxes.for_each_near(&triangle.bounds(), |other| {
@@ -219,7 +221,7 @@ pub(crate) fn intersect(one: &Triangle, other: &Triangle) -> bool {
                 [(k + 1) % 3, (k + 2) % 3].map(|k| face.corners[k])
             }
             let (ends_a, ends_b) = (opposite(one, other), opposite(other, one));
-            // If one triangle's plane contains only the shared vertex of the other triangle, the triangles have nothing else in common.
+            // If the plane of one triangle meets the other triangle only in the shared vertex, the triangles have nothing else in common.
             let Some(of_a) = sides(on_b, ends_a) else { return false };
             let Some(of_b) = sides(on_a, ends_b) else { return false };
             pierces(ends_a, of_a, on_b)
@@ -238,7 +240,8 @@ fn side([a, b, c]: [Point3<f64>; 3], p: Point3<f64>) -> f64 {
     orient3d(coord(a), coord(b), coord(c), coord(p))
 }
 
-/// Returns, for each point, the side of a triangle's plane on which the point is; `None` if all points are on one side.
+/// Returns, for each point, a number whose sign is the side of the triangle's plane on which the point is; `None` if all points are on one
+/// side.
 fn sides<const N: usize>(
     triangle: [Point3<f64>; 3],
     corners: [Point3<f64>; N],
@@ -248,8 +251,8 @@ fn sides<const N: usize>(
     (!is_beside).then_some(sides)
 }
 
-/// Returns true if a segment pierces a triangle: the ends, with the given side values, are on opposite sides of the plane, and the segment
-/// passes all three edges of the triangle on one side.
+/// Returns true if the segment from `p` to `q` pierces a triangle. This is the case if `from` and `to`, the sides of the plane on which its
+/// ends are, differ, and if it passes all three edges of the triangle on the same side.
 fn pierces([p, q]: [Point3<f64>; 2], [from, to]: [f64; 2], [a, b, c]: [Point3<f64>; 3]) -> bool {
     if !((from > 0.0 && to < 0.0) || (from < 0.0 && to > 0.0)) {
         return false;
@@ -258,12 +261,12 @@ fn pierces([p, q]: [Point3<f64>; 2], [from, to]: [f64; 2], [a, b, c]: [Point3<f6
     sides.iter().all(|&side| side >= 0.0) || sides.iter().all(|&side| side <= 0.0)
 }
 
-/// Returns points without the coordinate `drop`.
+/// Returns the points without the coordinate `drop`, that is, projected along this axis.
 fn drop_axis<const N: usize>(points: [Point3<f64>; N], drop: usize) -> [Coord<f64>; N] {
     points.map(|point| Coord { x: point[(drop + 1) % 3], y: point[(drop + 2) % 3] })
 }
 
-/// Returns the axis along which the projection of two coplanar triangles is largest.
+/// Returns the axis along which the projection of two coplanar triangles has the largest area.
 fn best_axis(a: [Point3<f64>; 3], b: [Point3<f64>; 3]) -> usize {
     let (a, b) = (area_vector(a), area_vector(b));
     if a.norm_squared() < b.norm_squared() { b.iamax() } else { a.iamax() }
@@ -299,7 +302,7 @@ fn is_folded(one: &Triangle, other: &Triangle) -> bool {
         return false;
     }
     let [p, u, v] = [k, (k + 1) % 3, (k + 2) % 3].map(|corner| one.corners[corner]);
-    // If the projection axis is parallel to the plane, both triangles project to lines and the test is meaningless.
+    // A projection axis parallel to the plane projects both triangles to lines and gives no result, so try all axes.
     (0..3).any(|drop| {
         let [u, v, p, q] = drop_axis([u, v, p, q], drop);
         orient2d(u, v, p) * orient2d(u, v, q) > 0.0
@@ -320,7 +323,7 @@ mod tests {
         assert!(intersections.is_empty());
         let mut counts = Vec::new();
         for round in 0..30u64 {
-            // Moves some vertices, some of them far away, and then moves some of them back.
+            // Move some vertices, some of them far away, and then move some of them back.
             let mut moved = vec![false; filling.points.len()];
             for k in 0..6 {
                 let number = |i: u64| random(round << 20 | k << 4 | i);
@@ -364,10 +367,10 @@ mod tests {
         check([o, x, y], [3, 4, 5], [low, in_middle, [9.0, 9.0, 0.0]], true);
         check([o, x, y], [3, 4, 5], [low, in_middle, [-9.0, 0.1, 0.0]], true);
         check([o, x, y], [3, 4, 5], [z, in_middle, [9.0, 9.0, 1.0]], false);
-        // The two triangles are coplanar.
+        // Two coplanar triangles.
         check([o, x, y], [3, 4, 5], [[0.1, 0.1, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]], true);
         check([o, x, y], [3, 4, 5], [[1.0, 1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]], false);
-        // The triangles have a common vertex, or a common edge.
+        // Two triangles with a common vertex, or with a common edge.
         check([o, x, y], [0, 4, 5], [o, low, in_middle], true);
         check([o, x, y], [0, 4, 5], [o, z, in_middle], false);
         check([o, x, y], [0, 4, 5], [o, [0.9, 0.2, 0.0], [0.2, 0.9, 0.0]], true);
@@ -375,7 +378,7 @@ mod tests {
         check([o, x, y], [1, 0, 5], [x, o, y], true);
         check([o, x, y], [1, 0, 5], [x, o, [0.3, -1.0, 0.0]], false);
         check([o, x, y], [1, 0, 5], [x, o, z], false);
-        // A triangle without area is beside a triangle whose plane does not contain it.
+        // A triangle without area next to a triangle that is not in the same plane.
         check([o, o, x], [3, 4, 5], [[0.0, 0.2, 0.0], [1.0, 0.3, 0.1], [0.5, -0.1, 1.0]], false);
     }
 }

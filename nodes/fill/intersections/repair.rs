@@ -1,7 +1,7 @@
-//! Removes intersections of a fill by a few edge flips and collapses. Intersections that remain are left to other repairs.
+//! Removes intersections of a fill by a few edge flips and collapses. If some remain, the caller fills the hole with another surface.
 //!
-//! Near points that coincide or nearly coincide, triangles fold even on a smooth surface. An edge there is flipped or collapsed if that
-//! reduces the number of intersecting triangles.
+//! Near points that coincide or nearly coincide, triangles fold even on a smooth surface. An edge of such a triangle is flipped or
+//! collapsed if that reduces the number of intersecting triangles.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -12,24 +12,24 @@ use super::detect::{Intersections, intersect};
 use crate::border::rim::Rim;
 use crate::triangles::triangulation::{NONE, Triangulation, previous};
 
-/// Maximum number of changes. A fill that intersects at more positions needs another surface.
+/// Maximum number of changes. A fill that intersects at more positions needs to be replaced by another surface.
 const MAX_CHANGES: usize = 100;
 
-/// Maximum number of faces for which no change helps. Above, a whole region intersects something, and the repair stops.
+/// Maximum number of faces for which no change helps. If there are more, a whole region intersects something, and the repair stops.
 const MAX_HOPELESS: usize = 30;
 
-/// Maximum number of compared triangle pairs; comparing them takes some tenths of a second. If every triangle is near all others, no small
-/// change helps.
+/// Maximum number of triangle pairs to compare, which takes some tenths of a second. More are needed if every triangle is near all others;
+/// then no small change helps.
 const MAX_COMPARISONS: usize = 100_000;
 
-/// Maximum number of triangles that a face may intersect to be repaired. A face that intersects more is not just folded, and no small
+/// Maximum number of triangles that a face to be repaired may intersect. A face that intersects more is not just folded, and no small
 /// change helps.
 const MAX_INTERSECTIONS: usize = 20;
 
-/// The surfaces that the fill of a hole must not intersect: the data and the fills of other holes.
+/// The surfaces that the fill of a hole must not intersect: the input mesh and the fills of other holes.
 pub(crate) struct Obstacles<'a> {
     pub(crate) intersections: &'a Intersections,
-    /// The faces of the hole's present fill, which are ignored as obstacles.
+    /// The faces of the hole's current fill, which are not obstacles.
     pub(crate) own: Range<u32>,
     pub(crate) rim: &'a Rim,
 }
@@ -74,7 +74,7 @@ enum Change {
 struct Repair<'a> {
     triangulation: &'a mut Triangulation,
     obstacles: &'a Obstacles<'a>,
-    /// The triangulation's faces before the repair.
+    /// The faces of the triangulation, as they were before the repair.
     all: Boxes,
     /// The faces that were changed or removed since the repair began.
     changed: Vec<u32>,
@@ -82,8 +82,8 @@ struct Repair<'a> {
     comparisons: Cell<usize>,
 }
 
-/// Returns a face of a triangulation; `None` if it was removed. Inner vertices get numbers that are used neither by the data nor by other
-/// fills.
+/// Returns a face of the fill's triangulation; `None` if the face was removed. Inner vertices get numbers that neither the input mesh nor
+/// other fills use.
 fn triangle(triangulation: &Triangulation, rim: &Rim, face: u32) -> Option<Triangle> {
     let corners = [0, 1, 2].map(|k| triangulation.corners[(3 * face + k) as usize]);
     triangulation.is_alive(3 * face).then(|| numbered_triangle(triangulation, rim, corners, face))
@@ -110,12 +110,12 @@ impl Repair<'_> {
         triangle(self.triangulation, self.obstacles.rim, face)
     }
 
-    /// Returns true if the repair may go on, that is, compare more triangle pairs.
+    /// Returns true as long as the repair may compare more triangle pairs.
     fn is_hopeful(&self) -> bool {
         self.comparisons.get() < MAX_COMPARISONS
     }
 
-    /// Returns the number of triangles that a face intersects.
+    /// Returns the number of triangles that a face of the fill intersects.
     fn intersection_count(&self, face: u32) -> usize {
         self.triangle(face).map_or(0, |triangle| self.count(&[triangle], &[face]))
     }
@@ -163,14 +163,14 @@ impl Repair<'_> {
         best.filter(|(gain, _)| *gain > 0).map(|(_, change)| change)
     }
 
-    /// Returns the number of intersections that a change removes; 0 if it adds some.
+    /// Returns the number of intersections that a change removes; 0 if it removes none.
     fn gain(&self, change: Change) -> usize {
         let (faces, after) = self.outcome(change);
         let before: Vec<Triangle> = faces.iter().filter_map(|&face| self.triangle(face)).collect();
         self.count(&before, &faces).saturating_sub(self.count(&after, &faces))
     }
 
-    /// Returns the faces that a change affects, and the triangles that replace them.
+    /// Returns the faces that a change would affect, and the triangles that would replace them.
     fn outcome(&self, change: Change) -> (Vec<u32>, Vec<Triangle>) {
         let (triangulation, rim) = (&*self.triangulation, self.obstacles.rim);
         match change {
@@ -205,7 +205,7 @@ impl Repair<'_> {
         }
     }
 
-    /// Applies a change and returns the affected faces.
+    /// Applies a change. Returns the affected faces.
     fn apply(&mut self, change: Change) -> Vec<u32> {
         let faces = self.outcome(change).0;
         match change {

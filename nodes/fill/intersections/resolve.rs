@@ -1,4 +1,4 @@
-//! Repairs or replaces fills whose triangles intersect each other or the data.
+//! Repairs or replaces the fills of holes if their triangles intersect each other or the input mesh.
 
 use std::ops::Range;
 
@@ -26,15 +26,15 @@ pub(crate) struct HoleFills<'a> {
     pub(crate) intersections: &'a mut Intersections,
 }
 
-/// Maximum number of intersecting holes that, at the end, are filled again one by one.
+/// Maximum number of holes with intersections that are filled again one by one at the end.
 const MAX_SEPARATE_HOLES: usize = 20;
 
-/// A fill with creases is repaired if at most this number of its triangles intersect others; with more, its creases count as wrong.
+/// A fill with creases is repaired if at most this number of its triangles intersect others. If more do, its creases are taken to be wrong.
 const MAX_REPAIRED_TRIANGLES: usize = 16;
 
 impl HoleFills<'_> {
-    /// Repairs the fills whose triangles intersect others. If that does not help, a hole is filled again with other surfaces, the most
-    /// similar to the requested one first; the fill with the fewest intersecting triangles is kept.
+    /// Repairs the fills whose triangles intersect others. A hole whose fill cannot be repaired is filled again with other surfaces, the
+    /// most similar to the requested one first. The fill with the fewest intersecting triangles is kept.
     ///
     /// # Errors
     /// Returns an error if there would be too many pairs of triangles to test, or if the evaluation is cancelled.
@@ -62,7 +62,7 @@ impl HoleFills<'_> {
         for &method in others {
             self.improve(&self.intersecting(), method, options, progress)?;
         }
-        // In one round, the fills of several adjacent holes may have changed, and the new fills may intersect each other.
+        // In one round, the fills of several adjacent holes may change at once, and the new fills may intersect each other.
         let intersecting = self.intersecting();
         if intersecting.len() < 2 {
             return Ok(());
@@ -75,14 +75,14 @@ impl HoleFills<'_> {
         Ok(())
     }
 
-    /// Returns the holes with filled triangles that intersect other triangles.
+    /// Returns the holes whose fills have triangles that intersect other triangles.
     fn intersecting(&self) -> Vec<usize> {
         let counts = self.counts();
         (0..counts.len()).filter(|&hole| counts[hole] > 0).collect()
     }
 
-    /// Replaces the fills of those `holes` that have intersections by fills with the surface `method`, or repairs them if `method` is
-    /// `None`. Each hole keeps the fill with fewer intersecting triangles.
+    /// Replaces the fills of those `holes` that have intersections by fills with the surface `method`; repairs them if `method` is `None`.
+    /// Each hole keeps the fill with fewer intersecting triangles.
     fn improve(
         &mut self,
         holes: &[usize],
@@ -94,7 +94,7 @@ impl HoleFills<'_> {
         let mut others = holes
             .par_iter()
             .filter(|&&hole| {
-                // A fill with wrong creases has many intersections and is not repaired.
+                // A fill with wrong creases has many intersections. Do not repair it.
                 let is_misfit = self.fills[hole].is_sharp && before[hole] > MAX_REPAIRED_TRIANGLES;
                 before[hole] > 0 && !(method.is_none() && is_misfit)
             })
@@ -109,8 +109,8 @@ impl HoleFills<'_> {
         self.exchange(&mut others, progress)
     }
 
-    /// Returns a repaired fill of a hole. Its surface is `method`; if that is `None`, the present fill is repaired. `own` are the faces of
-    /// the present fill.
+    /// Returns a repaired fill of a hole: a new fill with the surface `method`, or the current fill if `method` is `None`. `own` are the
+    /// faces of the current fill.
     fn other_fill(
         &self,
         hole: usize,
@@ -124,11 +124,11 @@ impl HoleFills<'_> {
         if let Some(method) = method {
             let unwanted_creases = options.method == PlainMethod::PlateOrCreases && fill.is_sharp;
             match fill_hole(self.filling, &rim, PlainOptions { method, ..options }, progress) {
-                // Creases that the user did not ask for are dropped without a warning.
+                // Drop creases that the user did not ask for without a warning.
                 Ok(other) if method == PlainMethod::ThinPlate && unwanted_creases => fill = other,
                 Ok(other) => fill = HoleFill { fallback: Some(Fallback::Intersection), ..other },
                 Err(RefineError::Cancelled) => return Err(CancelledError.into()),
-                // If the other fill would have too many triangles, it is not tried.
+                // Do not try a fill that would have too many triangles.
                 Err(RefineError::TooMany(_)) => {}
             }
         }
@@ -137,7 +137,7 @@ impl HoleFills<'_> {
         Ok(fill)
     }
 
-    /// Exchanges the fills of some holes with the fills in `others`.
+    /// Replaces the fills of some holes by those in `others`, and stores the previous fills in `others`.
     fn exchange(
         &mut self,
         others: &mut [(usize, HoleFill)],
@@ -169,7 +169,7 @@ impl HoleFills<'_> {
         )
     }
 
-    /// The first face of each fill, followed by the number of all faces.
+    /// Returns the index of the first face of each fill, followed by the number of all faces.
     fn begins(&self) -> Vec<u32> {
         let mut begins = vec![self.filling.n_data_faces as u32];
         for fill in self.fills.iter() {
@@ -178,8 +178,8 @@ impl HoleFills<'_> {
         begins
     }
 
-    /// Returns the holes with two possible reasons for intersections: first the holes blocked by a component of the mesh to which their rim
-    /// does not belong, then the holes at whose rims the data intersect themselves.
+    /// Returns the holes for two possible reasons of intersections. The first list has the holes whose fill intersects a component of the
+    /// mesh that does not contain the hole's rim. The second has the holes at whose rims the input mesh intersects itself.
     pub(crate) fn reasons(&self, components: &Components) -> [Vec<usize>; 2] {
         let begins = self.begins();
         let mut in_the_way = Vec::new();
@@ -198,7 +198,7 @@ impl HoleFills<'_> {
         [in_the_way, holes.filter(|&hole| self.has_intersecting_data(hole)).collect()]
     }
 
-    /// Returns true if the data at a rim intersect other data.
+    /// Returns true if input triangles at the rim of a hole intersect other input triangles.
     fn has_intersecting_data(&self, hole: usize) -> bool {
         let at_rim =
             self.holes[hole].iter().flat_map(|&vertex| self.one_rings.triangles_around(vertex));
@@ -217,7 +217,7 @@ impl HoleFills<'_> {
         })
     }
 
-    /// The number of intersecting filled triangles of each hole.
+    /// Returns the number of intersecting triangles in the fill of each hole.
     fn counts(&self) -> Vec<usize> {
         let faces = self.intersections.faces(self.filling);
         let indices: Vec<usize> = self

@@ -1,4 +1,4 @@
-//! Membranes and thin plates through a rim: the shapes of a soap film and of a bent elastic sheet.
+//! Membranes and thin plates through the rim of a hole: the shapes of a soap film and of a bent elastic sheet.
 //!
 //! Kobbelt, Campagna, Vorsatz and Seidel, "Interactive multi-resolution modeling on arbitrary meshes" (1998), with the cotangent weights of
 //! Pinkall and Polthier, "Computing discrete minimal surfaces and their conjugates" (1993). The term that gives a thin plate evenly varying
@@ -15,23 +15,25 @@ use crate::triangles::triangulation::{NONE, Triangulation, area_vector};
 /// The energy that the shape of a fill minimizes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Energy {
-    /// The area. The minimal surface meets the rim at an angle.
+    /// The area. The minimal surface meets the surface around the hole at an angle.
     Membrane,
-    /// The bending, also across the rim. The surface continues the data smoothly, and its curvature fades where normals diverge.
+    /// The bending, also across the rim. The fill continues the surrounding surface smoothly, and its curvature fades where normals
+    /// diverge.
     ThinPlate,
-    /// The bending relative to the present surface as rest shape. Curvature varies as evenly as possible, and a ball stays a ball.
+    /// The bending relative to the current surface as rest shape. Curvature varies as evenly as possible, and a hole in a ball is filled
+    /// spherically.
     EvenPlate,
 }
 
-/// Maximum absolute cotangent in a weight. A limit below 2 would change the weights of common angles (27 degrees); with a limit far above,
-/// one sliver outweighs all other triangles.
+/// Maximum absolute value of a cotangent in the weights. A limit below 2 would change the weights of common angles (27 degrees). With a
+/// limit far above 2, one sliver triangle outweighs all other triangles.
 const MAX_COTANGENT: f64 = 5.0;
 
-/// Minimum area of a vertex divided by the mean area; smaller areas are raised to it.
+/// Minimum area of a vertex divided by the mean vertex area; smaller areas are replaced by this minimum.
 const MIN_AREA: f64 = 0.05;
 
-/// Moves the inner vertices of `triangulation` to minimize the energy, with the cotangents and areas of the present triangles. Returns
-/// false, without moving anything, if the equations have no solution.
+/// Moves the inner vertices of `triangulation` to minimize the energy, which is approximated with the cotangents and areas of the current
+/// triangles. Returns false, without moving anything, if the equations have no solution.
 ///
 /// # Errors
 /// Returns an error if the evaluation is cancelled.
@@ -50,13 +52,12 @@ pub(crate) fn fair(
     }
 }
 
-/// The Laplacian of the surface around a hole, with one row per vertex of the triangulation.
+/// The discrete Laplacian of a fill and the triangles around it, with one row per vertex.
 struct Laplacian {
     starts: Vec<u32>,
     columns: Vec<u32>,
     weights: Vec<f64>,
-    /// The area of each vertex. It is infinite at the border, where faces do not surround the vertex; the row of such a vertex thus has no
-    /// weight.
+    /// The area of each vertex; infinite for a vertex that faces do not surround completely, so that its row has no weight.
     areas: Vec<f64>,
     /// The unit normal at each vertex.
     normals: Vec<Vector3<f64>>,
@@ -67,7 +68,7 @@ impl Laplacian {
         let count = triangulation.points.len();
         let fixed = triangulation.fixed as u32;
         let outside = rim.triangles.iter().map(|face| {
-            // The ring's vertices follow all vertices of the triangulation.
+            // The vertices in `rim.ring` get the indices after all vertices of the triangulation.
             face.map(|vertex| if vertex < fixed { vertex } else { vertex - fixed + count as u32 })
         });
         let inside =
@@ -106,7 +107,7 @@ impl Laplacian {
         laplacian
     }
 
-    /// Builds the rows from `links`. An edge contributes two links, one from each of its faces, each with half of the edge's weight.
+    /// Builds the rows from `links`. An edge contributes one link for each of its faces, each with half of the edge's weight.
     fn gather(&mut self, count: usize, links: &[(u32, u32, f64)]) {
         let links =
             Lists::group(count, || links.iter().map(|&(from, to, weight)| (from, (to, weight))));
@@ -142,8 +143,8 @@ impl Laplacian {
         self.areas.iter_mut().for_each(|area| *area = area.max(min).max(f64::MIN_POSITIVE));
     }
 
-    /// Returns the elimination order of the unknowns. `unknowns` maps each vertex to its unknown; `vertices` lists the vertices that have
-    /// an unknown.
+    /// Returns the elimination order of the unknowns. `unknowns` maps each vertex to the index of its unknown; `vertices` lists the
+    /// vertices that have an unknown.
     fn dissection(&self, vertices: &[usize], unknowns: &[u32], energy: Energy) -> Dissection {
         let (mut starts, mut neighbors) = (vec![0], Vec::with_capacity(8 * vertices.len()));
         for &vertex in vertices {
@@ -164,7 +165,7 @@ impl Laplacian {
         columns.zip(self.weights[entries].iter().copied())
     }
 
-    /// Returns, for each vertex, twice the mean curvature of the present surface.
+    /// Returns, for each vertex, twice the mean curvature of the current surface.
     fn curvatures(&self, position: impl Fn(usize) -> Vector3<f64>) -> Vec<f64> {
         (0..self.areas.len())
             .map(|row: usize| {
@@ -174,8 +175,8 @@ impl Laplacian {
             .collect()
     }
 
-    /// Returns the part of the curvature vectors' Laplacian at a vertex that is caused by the rotation of the normals alone: the Laplacian
-    /// if that of the vectors' lengths is 0.
+    /// Returns the part of the curvature vectors' Laplacian at a vertex that is caused by the rotation of the normals. It equals the
+    /// Laplacian of the curvature vectors if the Laplacian of their lengths is 0.
     fn normal_turn(&self, vertex: usize, curvatures: &[f64]) -> Vector3<f64> {
         let own = self.normals[vertex];
         let row = self.row(vertex);
@@ -204,7 +205,7 @@ fn solve(
     if vertices.is_empty() {
         return Ok(None);
     }
-    // Coordinates are relative to the rim's centroid; otherwise digits would be lost if the hole is far from the origin.
+    // Make coordinates relative to the rim's centroid; otherwise digits would be lost if the hole is far from the origin.
     let sum: Vector3<f64> = rim.points.iter().map(|point| point.coords).sum();
     let origin = Point3::from(sum / rim.len() as f64);
     let ((matrix, mut right), dissection) = rayon::join(
@@ -237,7 +238,7 @@ fn solve(
 }
 
 /// Returns the linear system that minimizes an energy: the matrix and the right sides. The unknowns are the positions of `vertices`,
-/// numbered by `unknowns`; all other vertices stay at `position`.
+/// numbered by `unknowns`; all other vertices stay at the positions given by `position`.
 fn equations(
     laplacian: &Laplacian,
     vertices: &[usize],
@@ -278,8 +279,7 @@ fn equations(
                     .for_each(|(column, weight)| add(&mut matrix, column, -weight));
             }
             Energy::ThinPlate | Energy::EvenPlate => {
-                // The weights are symmetric: the entry of a neighbor's row at `vertex` equals the entry of the row of `vertex` at the
-                // neighbor.
+                // The weights are symmetric: the neighbor's row has the same entry at `vertex` as the row of `vertex` has at the neighbor.
                 for (row, weight) in laplacian.row(vertex).filter(|(row, _)| *row < count) {
                     let scale = weight / laplacian.areas[row];
                     if scale != 0.0 {

@@ -1,23 +1,23 @@
-//! The fill of one hole.
+//! The fill of one hole, and the reason if it is another surface than requested.
 
 use crate::triangles::triangulation::Triangulation;
 
 /// The reason why a hole is filled with another surface than requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Fallback {
-    /// The rim is too rough: a thin plate would have gone too far, and a membrane is used instead.
+    /// The rim is too rough: a thin plate would have extended too far from it, and a membrane is used instead.
     RoughRim,
-    /// No creases end at the rim, or they do not meet: a thin plate is used instead.
+    /// No creases of the surrounding surface end at the rim, or they do not meet: a thin plate is used instead.
     NoCreases,
-    /// The fill would have intersected the data, itself or another fill: another surface is used instead.
+    /// The fill would have intersected the input mesh, itself or another fill: another surface is used instead.
     Intersection,
 }
 
-/// The fill of one hole.
+/// The fill of one hole. `fallback` is the reason if its surface is not the requested one.
 #[derive(Clone)]
 pub(crate) struct HoleFill {
     pub(crate) triangulation: Triangulation,
     pub(crate) fallback: Option<Fallback>,
-    /// True if creases of the data are extended across the fill.
+    /// True if creases of the surrounding surface are extended across the fill.
     pub(crate) is_sharp: bool,
 }

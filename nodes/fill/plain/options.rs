@@ -1,27 +1,27 @@
-//! Options of plain fills, derived from the fill method.
+//! Options for filling holes without exemplars, derived from the node's fill method.
 
 use crate::exemplar::{Start, Update};
 use crate::method::FillMethod;
 
-/// The surface of a plain fill.
+/// The surface that fills a hole without exemplars.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PlainMethod {
     Flat,
     Membrane,
     ThinPlate,
     CreaseAware,
-    /// Like `CreaseAware` if the creases are certain, otherwise like `ThinPlate`. Used if the user did not ask for creases, because
-    /// uncertain creases would be invented ones.
+    /// Like `CreaseAware` if the creases are certain, otherwise like `ThinPlate`. Used if the user did not ask for creases, so that no
+    /// uncertain creases are added.
     PlateOrCreases,
-    /// A triangle fan around the centroid of the rim, as in the published completion.
+    /// A triangle fan around the centroid of the rim, as in the publication on exemplars.
     Centroid,
 }
 
-/// The options of a plain fill, which may be the start of an exemplar fill.
+/// The options for filling a hole without exemplars. The result may be the initial fill of a method with exemplars.
 #[derive(Clone, Copy)]
 pub(crate) struct PlainOptions {
     pub(crate) method: PlainMethod,
-    /// The target edge length in mm; if `None`, that of the data's edges at the rim.
+    /// The target edge length in mm; if `None`, the edge length of the input mesh at the rim.
     pub(crate) edge: Option<f64>,
 }
 

@@ -1,4 +1,4 @@
-//! Fills one hole without exemplars: flat, as a membrane, as a thin plate, or with the creases of the data.
+//! Fills one hole without exemplars: flat, as a membrane, as a thin plate, or with creases that continue those of the surrounding surface.
 
 use maquette_node::Progress;
 use nalgebra::{Point3, Vector3};
@@ -14,22 +14,23 @@ use crate::triangles::filling::Filling;
 use crate::triangles::triangulate::triangulate;
 use crate::triangles::triangulation::Triangulation;
 
-/// Maximum distance of a fill from the centroid of the rim, divided by the maximum distance of the rim from its centroid. With this limit,
-/// a ball whose opening is smaller than a tenth of its width is still filled, and a plate that diverges because of a rough rim is rejected.
+/// Maximum distance of a fill from the centroid of the rim, divided by the maximum distance of the rim from its centroid. This limit admits
+/// the fill of a ball whose opening is smaller than a tenth of its width. It rejects a plate that diverges because of a rough rim.
 const MAX_REACH: f64 = 2.5;
 
-/// Minimum number of rim edges for extending creases that were not asked for.
+/// Minimum number of rim edges for extending creases that the user did not ask for.
 const MIN_RIM_EDGES: usize = 16;
 
-/// Ratio of the edge length of the first, coarse shape to the final edge length. The coarse shape is found fast and determines where
-/// vertices are added.
+/// Ratio of the edge length of the coarse shape, which is computed first, to the final edge length. The coarse shape is found fast and
+/// determines where vertices are added.
 const COARSE_RATIO: f64 = 2.0;
 
-/// Number of times the equations of the coarse plate are solved, each time with the previous shape as rest shape. After one solve the
-/// membrane still dominates, and rugged holes are filled 10 % worse; a third solve changes most fills by 1 to 2 %.
+/// Number of times the equations of the coarse plate are solved, each time with the previous shape as rest shape. After one solve, the
+/// shape is still close to the membrane from which it starts, and fills of rugged holes are 10 % worse. A third solve changes most fills by
+/// 1 to 2 %.
 const COARSE_ROUNDS: usize = 2;
 
-/// Fills one hole. Edges have the length `edge`, or that of the data's edges at the rim.
+/// Fills one hole. Edges have the length `edge`; if that is `None`, the edge length of the input mesh at the rim.
 ///
 /// # Errors
 /// Returns an error if the fill would have too many triangles, or if the evaluation is cancelled.
@@ -62,7 +63,7 @@ pub(crate) fn fill_hole(
             }
         }
     }
-    // On a rim that is too rough for a plate, or that has few edges, creases may be found by chance.
+    // If the rim is too rough for a plate or has few edges, creases may be found by chance.
     fn are_creases_certain(fallback: &Option<Fallback>, rim: &Rim) -> bool {
         fallback.is_none() && MIN_RIM_EDGES <= rim.len()
     }
@@ -79,8 +80,8 @@ pub(crate) fn fill_hole(
     Ok(HoleFill { triangulation, fallback, is_sharp: false })
 }
 
-/// Computes a membrane and the density of its vertices, first on a coarse level and then on the final one. The coarse shape determines the
-/// distances between the vertices of the final one.
+/// Moves the vertices of a fill to a membrane and adapts their density, first on a coarse level and then on the final one. The coarse shape
+/// determines the distances between the vertices of the final one.
 fn membrane(
     triangulation: &mut Triangulation,
     rim: &Rim,
@@ -95,11 +96,11 @@ fn membrane(
     Ok(())
 }
 
-/// Computes a thin plate and its vertex density. The bulge of a plate depends on the rest shape, the surface on which the equations are set
-/// up. A rim does not show whether the data's curvature continues beyond it or fades. Therefore the rest shape is the mean of two extremes,
-/// both computed on the coarse level: a membrane, which does not bulge, and a plate whose rest shape is the plate itself, which bulges
-/// most. Where the data are round, a plate on the membrane alone is up to twice as far from the truth; where they are not, a plate on the
-/// other extreme alone is. The fine plate is computed once, on the mean of both.
+/// Moves the vertices of a fill to a thin plate and adapts their density. The bulge of a plate depends on its rest shape, the surface for
+/// which the equations are set up. A rim does not show whether the curvature of the surrounding surface continues beyond it or fades.
+/// Therefore the rest shape is the mean of two extremes, both computed on the coarse level: a membrane, which does not bulge, and a plate
+/// whose rest shape is the plate itself, which bulges most. On round surfaces, a plate with the membrane as rest shape is up to twice as
+/// far from the true surface; on others, a plate with the second rest shape is. The fine plate is computed once, with the mean of both.
 fn plate(
     triangulation: &mut Triangulation,
     rim: &Rim,
@@ -108,7 +109,7 @@ fn plate(
 ) -> Result<(), RefineError> {
     let coarse = |point| COARSE_RATIO * sizes.length_at(point);
     refine(triangulation, coarse, progress)?;
-    // Fairing as a membrane removes folds of triangles between rim vertices.
+    // Fair as a membrane, which removes folds of triangles between rim vertices.
     fair(triangulation, rim, Energy::Membrane, progress)?;
     refine(triangulation, coarse, progress)?;
     progress.tick(0.1)?;
@@ -140,7 +141,7 @@ fn centroid(rim: &Rim) -> Point3<f64> {
     Point3::from(sum / rim.len() as f64)
 }
 
-/// Returns the minimum-weight triangulation, or a fan if every triangulation has an edge that the mesh already has.
+/// Returns the minimum-weight triangulation of the rim, or a fan if every triangulation has an edge that the mesh already has.
 fn min_weight_or_fan(rim: &Rim) -> Triangulation {
     let faces = triangulate(&rim.points, &rim.normals, &|a, b| rim.is_taken(a, b));
     faces.map_or_else(
@@ -149,7 +150,7 @@ fn min_weight_or_fan(rim: &Rim) -> Triangulation {
     )
 }
 
-/// Returns a triangle fan around the centroid of the rim; if `halved`, each edge to the centroid is divided in the middle.
+/// Returns a triangle fan around the centroid of the rim. If `halved` is true, each edge to the centroid is divided at its midpoint.
 fn fan(rim: &Rim, halved: bool) -> Triangulation {
     let count = rim.len() as u32;
     let mut points = rim.points.clone();

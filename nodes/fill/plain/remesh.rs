@@ -1,4 +1,4 @@
-//! Changes the density of the triangles that fill holes.
+//! Changes the edge lengths of the triangulations that fill holes.
 
 use maquette_node::{CancelledError, Progress};
 use nalgebra::Point3;
@@ -15,13 +15,13 @@ pub(crate) struct Remesh<'a> {
     pub(crate) one_rings: &'a OneRings,
     pub(crate) holes: &'a [Vec<u32>],
     pub(crate) fills: &'a mut [HoleFill],
-    /// The final edge length; if `None`, that of the data's edges at the rim.
+    /// The final edge length in mm; if `None`, the edge length of the input mesh at the rim.
     pub(crate) edge: Option<f64>,
 }
 
 impl Remesh<'_> {
-    /// Remeshes the fills to the edge length `min_length`, or to their final edge length if that is larger. The surface keeps its shape,
-    /// but its vertices are renumbered.
+    /// Remeshes the fills to the edge length `min_length`, or to their final edge length if that is larger. The surfaces keep their shapes,
+    /// but their vertices are renumbered.
     ///
     /// # Errors
     /// Returns an error if there would be too many triangles, or if the evaluation is cancelled.
@@ -45,7 +45,7 @@ impl Remesh<'_> {
         Ok(())
     }
 
-    /// Returns the positions that the filled vertices would have on membranes. Also copies their present positions into the fills.
+    /// Returns the positions that the fills' vertices would have on membranes. Also copies their current positions into `fills`.
     ///
     /// # Errors
     /// Returns an error if the evaluation is cancelled.
@@ -68,7 +68,7 @@ impl Remesh<'_> {
         Ok(positions)
     }
 
-    /// Copies the present positions of the filled vertices into the fills.
+    /// Copies the current positions of the fills' vertices from `filling` into `fills`.
     pub(crate) fn take_positions(&mut self, filling: &Filling) {
         let mut positions = filling.points[filling.n_data_vertices..].iter();
         for (hole, fill) in self.holes.iter().zip(self.fills.iter_mut()) {

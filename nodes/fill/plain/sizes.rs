@@ -1,4 +1,4 @@
-//! The target edge lengths of a fill.
+//! The target edge lengths of the fill of a hole.
 
 use nalgebra::Point3;
 
@@ -6,23 +6,23 @@ use crate::border::rim::Rim;
 use crate::triangles::density::{RefineError, TRIANGLES, estimate};
 use crate::triangles::triangulation::Triangulation;
 
-/// Target edge lengths. The target at a point is the mean of the data's edge lengths at the rim, weighted by the inverse fourth power of
-/// their distance from the point.
+/// Target edge lengths. The target at a point is the mean of the input mesh's edge lengths at the rim, weighted by the inverse fourth power
+/// of their distance from the point.
 pub(crate) struct Sizes {
-    /// Coordinates of sample points on the rim, one list per axis. Infinite points, whose weight is 0, pad the lists to a multiple of
+    /// Coordinates of sample points on the rim, one list per axis. Points at infinity, whose weight is 0, pad the lists to a multiple of
     /// [`LANES`].
     positions: [Vec<f64>; 3],
     /// The edge length at each sample point.
     lengths: Vec<f64>,
 }
 
-/// Maximum number of triangles that are divided to estimate the final number; the divisions take some milliseconds.
+/// Maximum number of divisions of triangles for estimating the final number of triangles; they take some milliseconds.
 const MAX_DIVISIONS: usize = 50_000;
 
 /// Maximum number of sample points on the rim: a multiple of [`LANES`].
 const MAX_SAMPLES: usize = 128;
 
-/// Number of sums that are computed in parallel.
+/// Number of partial sums that are computed in parallel.
 const LANES: usize = 4;
 
 impl Sizes {
@@ -56,9 +56,9 @@ impl Sizes {
     /// Checks that a fill with the target edge lengths does not have too many triangles.
     ///
     /// # Errors
-    /// Returns an error if it would have too many triangles.
+    /// Returns an error if the fill would have too many triangles.
     pub(crate) fn check(&self, triangulation: &Triangulation) -> Result<(), RefineError> {
-        // Fast check: edges are nowhere shorter than the shortest at the rim. This bound nearly always suffices.
+        // Fast check, which nearly always suffices: edges are nowhere shorter than the shortest at the rim.
         let lengths = self.lengths.iter().copied().filter(|length| *length > 0.0);
         let shortest = lengths.fold(f64::INFINITY, f64::min);
         if estimate(triangulation, |_| shortest, 0) <= TRIANGLES.max as f64 {

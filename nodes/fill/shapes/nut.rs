@@ -1,11 +1,11 @@
-//! Nuts with any number of sides, for tests and benches.
+//! Nuts (of a screw) with any number of sides, for tests and benchmarks.
 
 use std::collections::BTreeMap;
 
 use nalgebra::{Point3, center};
 
 /// Returns the vertices and triangles, with edges of about 1 mm, of a nut whose bore is along `y`. Its outer corners are 20 mm from the
-/// axis, it is 20 mm high, and its bore has half that radius.
+/// axis, it is 20 mm high, and the radius of its bore is 10 mm.
 pub(crate) fn nut(sides: u32) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     fn corner(k: u32, radius: f64, y: f64, sides: u32) -> Point3<f64> {
         let angle = std::f64::consts::TAU * f64::from(k % sides) / f64::from(sides);
@@ -31,7 +31,7 @@ struct Nut {
 }
 
 impl Nut {
-    /// Adds a flat quadrilateral as a grid of triangles. Quadrilaterals with a common side have the same vertices on it.
+    /// Adds a flat quadrilateral as a grid of triangles. Quadrilaterals with a common side share the vertices on it.
     fn add(&mut self, [a, b, c, d]: [Point3<f64>; 4]) {
         let columns = 16;
         let rows = (b - c).norm().round() as u32;
@@ -60,8 +60,8 @@ impl Nut {
     }
 }
 
-/// Returns true for the points to remove: those in a ball around an outer corner, and those in a ball around the middle of a side, across
-/// several edges.
+/// Returns true for the points to remove: those in a ball around an outer corner, and those in a ball around the center of a side, each
+/// several edges wide.
 pub(crate) fn is_lost(point: &Point3<f64>, sides: u32) -> bool {
     let half = std::f64::consts::PI / f64::from(sides);
     let [top, side] = [

@@ -46,7 +46,7 @@ fn the_corner_of_a_cube_is_sharp_again() {
     fn ball(p: &Point3<f64>) -> bool {
         (p - Point3::new(16.0, 16.0, 16.0)).norm() < 6.0
     }
-    // If a strip beside an edge is also missing, the rim runs along the crease.
+    // If a strip beside an edge of the cube is also missing, the hole's rim runs along the crease.
     fn strip(p: &Point3<f64>) -> bool {
         p.x == 16.0 && p.y > 14.5 && p.y < 16.0 && p.z > 5.5
     }
@@ -57,7 +57,7 @@ fn the_corner_of_a_cube_is_sharp_again() {
         assert_eq!(filled.warnings, [""; 0]);
         let added = &filled.mesh.positions()[mesh.positions().len()..];
         assert!(added.iter().any(|p| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 1e-6));
-        // Creases are edges: each triangle is in one side of the cube and faces outwards.
+        // Each new triangle is in one side of the cube and faces outwards, so that creases are edges.
         for face in filled.mesh.faces().iter().skip(mesh.faces().len()) {
             let area = filled.mesh.area_vector(face);
             let corners = face.iter().map(|&vertex| filled.mesh.positions()[vertex as usize]);
@@ -70,7 +70,7 @@ fn the_corner_of_a_cube_is_sharp_again() {
     }
 }
 
-/// Returns the mesh with its vertices moved along its normals by Gaussian noise with the standard deviation `deviation`.
+/// Returns the mesh with its vertices moved along their normals by Gaussian noise with the standard deviation `deviation`.
 fn noisy(mesh: &Mesh, deviation: f64, seed: u64) -> Mesh {
     fn gauss(k: u64, seed: u64) -> f64 {
         (0..12).map(|i| random(seed << 32 ^ (12 * k + i))).sum::<f64>() - 6.0
@@ -82,7 +82,7 @@ fn noisy(mesh: &Mesh, deviation: f64, seed: u64) -> Mesh {
 
 #[test]
 fn creases_of_noisy_data_are_extended() {
-    // The surfaces are a bevel of 31 degrees between two planes, partly hidden by noise, and a cube's corner.
+    // Two surfaces: a bevel of 31 degrees between two planes, partly hidden by noise, and the corner of a cube.
     let roof = |x: f64, _| -0.6 * (x - 14.0).clamp(0.0, 7.0) - 2.0 * (x - 21.0).max(0.0);
     let bevel = remove_vertices(&grid(36, 30, roof), |p| libm::hypot(p.x - 17.0, p.y - 15.0) < 7.5);
     let corner = remove_vertices(&cube(), |p| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 6.0);
@@ -160,7 +160,7 @@ fn edges_of_a_nut_are_extended_and_meet_in_exemplar_fills() {
             [FillMethod::ThinPlate, FillMethod::default()].map(|method: FillMethod| {
                 let filled = fill(&mesh, HoleChoice::All, method).unwrap();
                 assert_eq!(check_kept(&mesh, &filled.mesh), 0);
-                // The deviation is measured at vertices and at the middles of faces: the middle of a face that crosses a crease deviates.
+                // Measure the deviation at vertices and at face centers, since the center of a face that crosses a crease deviates.
                 let faces = filled.mesh.faces().iter().skip(mesh.faces().len());
                 let middles = faces.map(|face| {
                     (face

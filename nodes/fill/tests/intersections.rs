@@ -1,10 +1,10 @@
-//! Tests of intersections of fills with the data and with themselves.
+//! Tests of intersections of fills with the input mesh and with themselves.
 
 use super::*;
 
 const INTERSECTS: &str = "intersect others";
 
-/// Returns a mesh that consists of two meshes.
+/// Returns a mesh with the vertices and faces of both meshes.
 fn merge(one: &Mesh, other: &Mesh) -> Mesh {
     let data = one.positions().len() as u32;
     let points = one.positions().iter().chain(other.positions().iter()).copied();
@@ -28,7 +28,7 @@ fn round_hole(height: impl Fn(f64, f64) -> f64) -> Mesh {
     remove_vertices(&grid(20, 20, height), |p| libm::hypot(p.x - 9.5, p.y - 9.5) < 4.0)
 }
 
-/// Returns a hole in rough data, some of whose rim points coincide.
+/// Returns a rough mesh with a hole, some of whose rim points coincide.
 fn with_coincident_points(seed: u64) -> Mesh {
     fn hills(x: f64, y: f64) -> f64 {
         0.3 * libm::sin(x) + 0.2 * y
@@ -51,7 +51,7 @@ fn coincident_rim_points_make_no_folds() {
             let filled = fill(&mesh, HoleChoice::All, method.clone()).unwrap();
             check_kept(&mesh, &filled.mesh);
             assert!(!has_warning(&filled, INTERSECTS), "{seed} {method:?}: {:?}", filled.warnings);
-            // If creases lead to intersections, they are considered wrong; all other fills are repaired.
+            // If extended creases lead to intersections, the fill is replaced by one without creases. All other fills are repaired.
             let is_sharp = matches!(method, FillMethod::CreaseAware);
             let is_replaced = has_warning(&filled, "another surface") && !is_sharp;
             assert!(!is_replaced, "{seed} {method:?}: {:?}", filled.warnings);
@@ -103,7 +103,7 @@ fn unavoidable_intersections_are_reported() {
 
 #[test]
 fn a_membrane_replaces_a_plate_that_goes_too_far() {
-    // The slab is as thick as an edge is long and rounded at its end; the hole extends over both sides.
+    // The slab is as thick as an edge is long, and rounded at its end. The hole extends over both of its sides.
     let sheet = grid(41, 30, |_, _| 0.0);
     let slab = sheet
         .with_positions(

@@ -3,7 +3,7 @@
 use super::*;
 
 /// Fills the holes of up to `max` edges with all methods. Checks that the results are manifold, intersect nothing and extend beyond the
-/// data by at most `fraction` of its size. Returns the number of remaining border edges.
+/// bounding box of the input mesh by at most `fraction` of its size. Returns the number of remaining border edges.
 fn check(mesh: &Mesh, max: usize, fraction: f64) -> usize {
     fn bounds(mesh: &Mesh) -> (Point3<f64>, Point3<f64>) {
         let points = mesh.positions().iter();
@@ -88,7 +88,7 @@ fn units_do_not_matter() {
     let mesh = remove_vertices(&sphere(3), |p| p.z > 0.75 || p.x > 0.95);
     for method in PLAIN {
         let filled = fill(&mesh, HoleChoice::All, method.clone()).unwrap().mesh;
-        // The scales are powers of two (about 1e-6, 1e-4 and 1e6), because scaling by them does not change rounding.
+        // Scale by powers of two (about 1e-6, 1e-4 and 1e6), because these do not change rounding.
         for power in [-20, -13, 20] {
             let unit = libm::ldexp(1.0, power);
             let [data, expected] = [&mesh, &filled].map(|mesh| -> Vec<Point3<f64>> {
@@ -125,7 +125,7 @@ fn the_number_of_triangles_is_estimated_in_advance() {
     let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
     let corners = corners.map(|[x, y]| Point3::new(x, y, 0.0));
     for (size, divisions) in [(0.02, 0), (0.02, 5000), (0.005, 5000)] {
-        // The target is fine on the left and three times as coarse on the right.
+        // The target edge length on the right is three times that on the left.
         let target = |p: Point3<f64>| if divisions == 0 { size } else { size * (1.0 + 2.0 * p.x) };
         let mut triangulation = Triangulation::new(corners.to_vec(), 4, &[[0, 1, 2], [0, 2, 3]]);
         let known = estimate(&triangulation, target, divisions);

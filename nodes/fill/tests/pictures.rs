@@ -1,12 +1,12 @@
-//! Tests of the part of a picture that filled faces show.
+//! Tests of the part of a texture that the faces of a fill show.
 
 use maquette_value::Image;
 
 use super::super::exemplar::TextureSource;
 use super::*;
 
-/// Returns a flat sheet with a hole. Its left and right halves are separate parts of the picture; a hundredth of the picture is as wide as
-/// a face.
+/// Returns a flat sheet with a hole. Its left and right halves are separate parts of the texture. A face is one hundredth of the texture
+/// wide.
 fn sheet() -> Mesh {
     let whole = grid(41, 41, |_, _| 0.0);
     let mesh = remove_vertices(&whole, |p| (p - Point3::new(20.0, 20.0, 0.0)).norm() < 4.5);
@@ -35,11 +35,11 @@ fn filled_faces_show_the_picture_of_their_exemplars() {
     for (face, uv) in filled.faces().iter().zip(uv.as_chunks::<3>().0).skip(kept) {
         let middle: [f64; 2] = [0, 1].map(|k| uv.iter().map(|uv| uv[k]).sum::<f64>() * 100.0 / 3.0);
         let there = [if middle[0] > 45.0 { middle[0] - 50.0 } else { middle[0] }, middle[1]];
-        // The shown part of the picture is on the sheet, beside the hole, in one half.
+        // The shown part of the texture is on the sheet, outside the hole, in one half.
         assert!(there.iter().all(|x| (0.0..40.0).contains(x)), "{there:?}");
         let far = libm::hypot(there[0] - 20.0, there[1] - 20.0);
         assert!(far > 3.0, "{there:?}");
-        // The shown part has the size and rotation of the face.
+        // The shown part has the size and rotation that the face has.
         for k in 0..3 {
             let [a, b] = [face[k], face[(k + 1) % 3]].map(|v| filled.positions()[v as usize]);
             let side = [0, 1].map(|axis| 100.0 * (uv[(k + 1) % 3][axis] - uv[k][axis]));
@@ -48,7 +48,7 @@ fn filled_faces_show_the_picture_of_their_exemplars() {
         let at = filled.positions()[face[0] as usize];
         shifts.push([0, 1].map(|k| (100.0 * uv[0][k] - at[k]).round() as i32));
     }
-    // Many adjacent faces show one piece of the picture.
+    // Many adjacent faces show one contiguous part of the texture.
     shifts.sort_unstable();
     shifts.dedup();
     assert!(shifts.len() * 6 < filled.faces().len() - kept, "{} pieces", shifts.len());
@@ -65,7 +65,7 @@ fn a_picture_is_continued_across_plain_fills_and_on_request() {
         let mut count = 0;
         for (&vertex, uv) in filled.faces().corners().iter().zip(uv.iter()) {
             let p = filled.positions()[vertex as usize];
-            // Only vertices away from the seam count; the seam ends at the rim.
+            // Check only vertices away from the seam of texture coordinates, which ends at the rim.
             if mesh.positions().len() <= vertex as usize && p.x < 18.0 {
                 assert!((uv[1] - p.y / 100.0).abs() < 0.02, "{p} {uv:?}");
                 count += 1;
@@ -78,8 +78,8 @@ fn a_picture_is_continued_across_plain_fills_and_on_request() {
 const RED: [u8; 3] = [200, 40, 30];
 const BLUE: [u8; 3] = [30, 60, 190];
 
-/// Returns a wavy sheet. It is red around its hole and on the left, where the waves are lower, and blue on the right, where they are as
-/// high as around the hole.
+/// Returns a wavy sheet with two colors. It is red around its hole and on the left, where the waves are lower. It is blue on the right,
+/// where they are as high as around the hole.
 fn two_colors() -> Mesh {
     fn height(x: f64) -> f64 {
         0.25 + 0.05 * libm::tanh(x - 6.0)
@@ -91,7 +91,7 @@ fn two_colors() -> Mesh {
     mesh.with_vertex("color", Attribute::Color(colors.into())).unwrap()
 }
 
-/// Returns the sheet of `two_colors` with its colors on a picture.
+/// Returns the mesh of `two_colors` with its colors in a texture.
 fn two_colored_picture() -> Mesh {
     let mesh = two_colors().without_attribute("color");
     let texels = (0..40 * 40).map(|k| if k % 40 < 24 { RED } else { BLUE });
@@ -120,14 +120,14 @@ fn copied_parts_have_the_picture_colors_around_the_hole() {
         shown.iter().filter(|&&uv| mesh.texture().unwrap().sample(uv)[2] > 100.0).count()
     }
     assert_eq!(blue_corners(3.0, &mesh), 0);
-    // If colors are not compared, nothing requires red exemplars.
+    // If colors are not compared, blue parts may be copied, too.
     assert!(blue_corners(0.0, &mesh) > 0);
 }
 
 #[test]
 fn copied_parts_have_the_vertex_colors_around_the_hole() {
     let mesh = two_colors();
-    // Returns the mean blueness of the filled vertices, from 0 for red to 1 for blue.
+    // The mean blueness of the fill's vertices, from 0 for red to 1 for blue.
     let [with, without] = [3.0, 0.0].map(|color: f64| {
         let filled = fill(&mesh, HoleChoice::Largest, with_color(color)).unwrap().mesh;
         let colors = &filled.vertex().colors("color").unwrap()[mesh.positions().len()..];

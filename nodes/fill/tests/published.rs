@@ -1,4 +1,4 @@
-//! Tests of the published completion on cases with a known result.
+//! Tests of the published method (Kawai, Sato and Yokoya, 2008) on surfaces with a known result.
 
 use super::super::exemplar::{Start, Update};
 use super::*;
@@ -13,7 +13,7 @@ fn published_method(radii: &[f64]) -> FillMethod {
     })
 }
 
-/// Returns the root mean square error over the filled vertices.
+/// Returns the root mean square of `off` over the vertices of the fill.
 fn rms(mesh: &Mesh, method: FillMethod, off: impl Fn(&Point3<f64>) -> f64) -> f64 {
     let filled = fill(mesh, HoleChoice::Edges { max: 60 }, method).unwrap().mesh;
     let new = &filled.positions()[mesh.positions().len()..];
@@ -35,7 +35,7 @@ fn a_flat_cap_becomes_round_again() {
     }
 }
 
-/// Returns the distance of the surface of a lumpy ball from its center in a direction.
+/// Returns the distance between the center of a lumpy ball and its surface, in a direction.
 fn lump(direction: nalgebra::Vector3<f64>) -> f64 {
     let [x, y, z] = direction.into();
     1.0 + 0.12 * libm::sin(2.3 * x + 0.4) * libm::cos(1.9 * y - 0.3) + 0.08 * libm::sin(2.1 * z + x)

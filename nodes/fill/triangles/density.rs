@@ -11,8 +11,8 @@ use nalgebra::{Point3, Vector3};
 
 use super::triangulation::{NONE, Triangulation, area_vector, cotangent, next, previous};
 
-/// An edge longer than this multiple of its target length is split. The value is so far above [`SHORT_RATIO`] that splitting and collapsing
-/// do not alternate.
+/// An edge longer than this multiple of its target length is split. The value is much larger than [`SHORT_RATIO`], so that splitting and
+/// collapsing do not alternate.
 const LONG_RATIO: f64 = 4.0 / 3.0;
 
 /// An edge shorter than this multiple of its target length is collapsed.
@@ -21,14 +21,14 @@ const SHORT_RATIO: f64 = 0.8;
 /// Maximum number of passes over all edges; four or five are usual.
 const MAX_PASSES: usize = 20;
 
-/// The passes end when a pass has changed at most one in this many edges: later passes move few vertices by small distances.
+/// The passes end when a pass has changed at most one in this many edges. Further passes would move few vertices, by small distances.
 const CONVERGED_DIVISOR: usize = 100;
 
 /// Cosine of the maximum angle, 75 degrees, by which a face may rotate when an edge collapses.
 const MIN_COSINE: f64 = 0.25881904510252074;
 
-/// Maximum number of flips in one pass, per edge. In a plane, the total number of flips is less than the square of the number of edges;
-/// usually about one flip per edge is needed.
+/// Maximum number of flips in one pass, per edge. Usually about one flip per edge is needed. In a plane, the total number of flips is less
+/// than the square of the number of edges.
 const MAX_FLIPS_PER_EDGE: usize = 10;
 
 /// Maximum number of triangles in a fill. More triangles take minutes and some GB of memory, and nearly always result from an outlier
@@ -49,7 +49,7 @@ pub(crate) enum RefineError {
 }
 
 impl RefineError {
-    /// Returns the error of the node. `what` names the fill that would have too many triangles.
+    /// Returns the error that the node reports. `what` names the fill that would have too many triangles.
     pub(crate) fn error(self, what: impl Display) -> Error {
         match self {
             Self::Cancelled => CancelledError.into(),
@@ -94,7 +94,7 @@ pub(crate) fn refine(
 /// The area of an equilateral triangle with edges of length 1.
 const EQUILATERAL: f64 = 0.4330127018922193;
 
-/// Estimates the number of triangles that [`refine`] makes of `triangulation`. For the estimate, triangles much larger than the target are
+/// Estimates the number of triangles of `triangulation` after [`refine`]. For the estimate, triangles much larger than their target are
 /// divided, at most `divisions` times in all.
 pub(crate) fn estimate(
     triangulation: &Triangulation,
@@ -129,7 +129,7 @@ pub(crate) fn estimate(
             let middle = (middle, target(middle));
             open.extend([[a, middle, c], [middle, b, c]]);
         } else if longest > 0.0 {
-            // Thin triangles are divided along their length, too.
+            // A thin triangle is also divided along its length.
             let (times, width) = (longest / size, area_vector([a.0, b.0, c.0]).norm() / longest);
             let along = if LONG_RATIO < times { 2.0 * times } else { 0.0 };
             need += times * (width / size) / (2.0 * EQUILATERAL) + along;
@@ -143,7 +143,7 @@ fn target_length(triangulation: &Triangulation, sizes: &[f64], half: u32) -> f64
     (sizes[a as usize] + sizes[b as usize]) / 2.0
 }
 
-/// Splits the edges that are too long, the longest first; returns their number.
+/// Splits the edges that are too long, the longest first. Returns the number of splits.
 fn split_long(
     triangulation: &mut Triangulation,
     sizes: &mut Vec<f64>,
@@ -161,7 +161,7 @@ fn split_long(
     long.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     let mut count = 0;
     for (excess, half) in long {
-        // An earlier split may have assigned this half-edge to another edge.
+        // Skip the half-edge if an earlier split has assigned it to another edge.
         let twin = triangulation.twins[half as usize];
         if twin == NONE
             || triangulation.length(half)
@@ -191,8 +191,8 @@ fn flip_all(
     flip(triangulation, edges, progress)
 }
 
-/// Returns the inner edges with an end in the one-ring of one of `vertices`. If only `vertices` have changed since all edges were flipped,
-/// no other edges can need a flip.
+/// Returns the inner edges that have an end among `vertices` or their neighbors. If only `vertices` have changed since all edges were
+/// flipped, no other edges can need a flip.
 fn edges_near(triangulation: &Triangulation, vertices: &[u32]) -> Vec<u32> {
     let mut near = vec![false; triangulation.points.len()];
     vertices.iter().for_each(|&vertex| near[vertex as usize] = true);
@@ -207,7 +207,7 @@ fn edges_near(triangulation: &Triangulation, vertices: &[u32]) -> Vec<u32> {
         .collect()
 }
 
-/// Flips the edges in `queue` that need a flip, and then the edges that need a flip as a result.
+/// Flips the edges in `queue` that need a flip, and then the edges that need one because of these flips.
 fn flip(
     triangulation: &mut Triangulation,
     mut queue: Vec<u32>,
@@ -243,7 +243,7 @@ fn should_flip(triangulation: &Triangulation, half: u32) -> bool {
         return false;
     }
     let [pa, pb, pc, pd] = [a, b, c, d].map(|vertex| triangulation.points[vertex as usize]);
-    // Nearly always both angles opposite to the edge are acute; then no flip is needed.
+    // Fast check: if both angles opposite to the edge are acute, as they nearly always are, no flip is needed.
     if [pc, pd].iter().all(|apex| (pa - apex).dot(&(pb - apex)) >= 0.0) {
         return false;
     }
@@ -256,14 +256,14 @@ fn should_flip(triangulation: &Triangulation, half: u32) -> bool {
     if new.iter().any(|area| area.dot(&old) <= 0.0) {
         return false;
     }
-    // The flipped edge would connect `c` and `d`. If they have an edge already, there is no flip. This is also the case if an end of the
-    // old edge has only three faces, so no vertex is left with two faces.
+    // The flipped edge would connect `c` and `d`, so do not flip if they have an edge already. This is also the case if an end of the old
+    // edge has only three faces; so no vertex is left with two faces.
     let inner = if triangulation.is_rim(c) { d } else { c };
     let other = if inner == c { d } else { c };
     !triangulation.halves_around(inner).any(|half| triangulation.ends(half)[1] == other)
 }
 
-/// Collapses the edges that are too short, the shortest first; returns the vertices into which they collapsed.
+/// Collapses the edges that are too short, the shortest first. Returns the vertices into which they collapsed.
 fn collapse_short(
     triangulation: &mut Triangulation,
     sizes: &[f64],
@@ -299,7 +299,7 @@ fn collapse_short(
     Ok(left)
 }
 
-/// Collapses an edge into its middle, or into its end on the rim, unless that would damage the surface. Returns true if the edge was
+/// Collapses an edge into its midpoint, or into its end on the rim, unless that would damage the surface. Returns true if the edge was
 /// collapsed.
 fn collapse(triangulation: &mut Triangulation, sizes: &[f64], half: u32) -> bool {
     if !triangulation.may_collapse(half) {
@@ -348,7 +348,7 @@ fn relax(triangulation: &mut Triangulation, progress: &Progress<'_>) -> Result<(
                 .halves_around(vertex)
                 .map(|half| triangulation.points[triangulation.ends(half)[1] as usize]),
         );
-        // Repeating the first point closes the ring.
+        // Repeat the first point to close the ring.
         ring.push(ring[0]);
         let (mut normal, mut middle, mut weight) = (Vector3::zeros(), Vector3::zeros(), 0.0);
         for pair in ring.windows(2) {

@@ -1,4 +1,4 @@
-//! A triangle mesh whose holes are being filled: the data, which do not change, followed by the filled vertices and faces.
+//! A triangle mesh whose holes are being filled: the vertices and faces of the input mesh ("data"), followed by those of the fill.
 
 use maquette_value::Mesh;
 use nalgebra::Point3;
@@ -6,21 +6,21 @@ use nalgebra::Point3;
 use super::triangulation::Triangulation;
 use crate::plain::hole_fill::HoleFill;
 
-/// A triangle mesh whose holes are being filled.
+/// A triangle mesh whose holes are being filled. "Data" in the names of its parts refers to the input mesh.
 #[derive(Clone, Debug)]
 pub(crate) struct Filling {
-    /// The data's vertices in their order, followed by the filled ones. Data vertices never move.
+    /// The vertices of the input mesh in their order, followed by those of the fill. The former never move.
     pub(crate) points: Vec<Point3<f64>>,
-    /// The data's triangles, followed by the filled ones. The data's triangles never change.
+    /// The triangles of the input mesh, followed by those of the fill. The former never change.
     pub(crate) faces: Vec<[u32; 3]>,
-    /// The number of data vertices.
+    /// The number of vertices of the input mesh.
     pub(crate) n_data_vertices: usize,
-    /// The number of data triangles.
+    /// The number of triangles of the input mesh.
     pub(crate) n_data_faces: usize,
 }
 
 impl Filling {
-    /// Returns the triangles of `mesh`, with nothing filled yet.
+    /// Returns the triangles of `mesh`, without any fill.
     pub(crate) fn new(mesh: &Mesh) -> Self {
         let faces = mesh.triangles().into_owned();
         let (data, kept) = (mesh.positions().len(), faces.len());
@@ -37,7 +37,7 @@ impl Filling {
         face.map(|vertex| self.point(vertex))
     }
 
-    /// Replaces all filled vertices and faces by those of `fills`.
+    /// Replaces all vertices and faces of the fill by those in `fills`, which has one entry per hole.
     pub(crate) fn add_all(&mut self, holes: &[Vec<u32>], fills: &[HoleFill]) {
         self.points.truncate(self.n_data_vertices);
         self.faces.truncate(self.n_data_faces);

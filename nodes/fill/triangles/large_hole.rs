@@ -1,9 +1,9 @@
-//! The triangulation of a rim with many edges. Some of the rim's vertices are triangulated first; the others are inserted one by one, the
-//! farthest from the triangles first.
+//! The triangulation of a hole whose rim has many edges. Some of the rim's vertices are triangulated first. The others are inserted one by
+//! one, the farthest from the triangles first.
 //!
 //! Vertices are chosen and inserted as in Douglas and Peucker, "Algorithms for the reduction of the number of points required to represent
-//! a digitized line or its caricature" (1973). After each vertex, edges are flipped if that makes the two triangles smaller, or better
-//! shaped at equal area, so that the total area is nearly minimal. The cost grows about with n log n.
+//! a digitized line or its caricature" (1973). After each insertion, edges are flipped if that reduces the area of the two triangles, or
+//! improves their shape at equal area. So the total area is nearly minimal. The cost is about proportional to n log n.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -13,14 +13,14 @@ use nalgebra::{Point3, Vector3};
 use super::min_weight::min_weight;
 use super::triangulation::{NONE, Triangulation, area_vector, cotangent, previous};
 
-/// Number of vertices that are triangulated first, by dynamic programming. With fewer, the shape is worse; the cost grows with the cube of
-/// the number.
+/// Number of rim vertices that are triangulated first, by dynamic programming. With fewer, the shape is worse; the cost grows with the cube
+/// of the number.
 const MAX_VERTICES: usize = 100;
 
 /// Relative difference below which two areas count as equal.
 const SAME_AREA: f64 = 1e-9;
 
-/// A part of the rim between two vertices that are already in the triangulation.
+/// A part of the rim between two vertices that are in the triangulation; the vertices between them are not.
 #[derive(Clone, Copy, Debug)]
 struct Gap {
     /// The squared distance between the gap's farthest vertex and the line through the gap's ends.
@@ -64,7 +64,7 @@ fn gap(points: &[Point3<f64>], from: usize, to: usize) -> Option<Gap> {
         let fraction = (to_point.dot(&along) / length_sq).clamp(0.0, 1.0);
         (to_point - along * fraction).norm_squared()
     };
-    // Among several vertices on the line, the one nearest to the middle is taken.
+    // Of several vertices on the line, take the one nearest to the middle of the gap.
     fn is_better(best: &(f64, usize), k: usize, off: f64, middle: f64) -> bool {
         off > best.0
             || (off == best.0 && (k as f64 - middle).abs() < (best.1 as f64 - middle).abs())
@@ -79,14 +79,14 @@ fn gap(points: &[Point3<f64>], from: usize, to: usize) -> Option<Gap> {
     Some(Gap { distance: best.0, from, to, farthest: best.1 })
 }
 
-/// Returns the index of the point that is farthest from `from`, the lowest index if several are equally far.
+/// Returns the index of the point that is farthest from `from`; if several are equally far, the lowest index.
 fn farthest(points: &[Point3<f64>], from: Point3<f64>) -> Option<usize> {
     let distances = points.iter().map(|point| (point - from).norm_squared());
     let farthest = distances.enumerate().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
     farthest.map(|(k, _)| k)
 }
 
-/// Triangulates a rim that is too long for dynamic programming; see [`super::triangulate::triangulate`].
+/// Triangulates a hole whose rim is too long for dynamic programming alone; see [`super::triangulate::triangulate`].
 pub(crate) fn triangulate_large(
     points: &[Point3<f64>],
     normals: &[Vector3<f64>],
@@ -94,7 +94,7 @@ pub(crate) fn triangulate_large(
 ) -> Option<Vec<[u32; 3]>> {
     let count = points.len();
     let mut heap = BinaryHeap::new();
-    // The first corners are vertices that are far from each other.
+    // Start with two vertices that are far from each other.
     let mut chosen = vec![0, farthest(points, points[0])?];
     heap.extend(gap(points, 0, chosen[1]));
     heap.extend(gap(points, chosen[1], count));
@@ -142,8 +142,8 @@ struct Growing<'a> {
 }
 
 impl Growing<'_> {
-    /// Inserts the farthest vertex of a gap into the triangulation. `border` contains, for each vertex, the border half-edge that leaves
-    /// it.
+    /// Inserts the farthest vertex of a gap into the triangulation. `border` contains, for each rim vertex, the border half-edge that
+    /// leaves it.
     fn insert(&mut self, border: &mut [u32], gap: Gap) {
         let half = border[gap.from];
         let face = half / 3 * 3;
@@ -191,7 +191,7 @@ impl Growing<'_> {
             ];
             old < -1e-9 && old < new
         };
-        // The flipped edge cannot be in the triangulation already: it would have crossed the present one.
+        // The flipped edge cannot be in the triangulation already: it would cross the current edge.
         (is_smaller || is_better) && !(self.is_taken)(c as usize, d as usize)
     }
 }

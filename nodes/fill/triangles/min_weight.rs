@@ -1,17 +1,18 @@
-//! The minimum-weight triangulation of a rim, by dynamic programming over its sub-polygons.
+//! The minimum-weight triangulation of a hole's rim, by dynamic programming over parts of the rim.
 
 use nalgebra::{Point3, Vector3};
 
 /// A triangle whose area is below this fraction of the square of its longest edge has no reliable normal.
 const FLAT: f64 = 1e-10;
 
-/// The bend of a triangle without a reliable normal: as if it were folded.
+/// The bend assigned to an edge of a triangle without a reliable normal: the maximum, as if the triangles were folded.
 const FOLDED: f64 = 2.0;
 
-/// The best triangulation of a sub-polygon: the rim from one vertex to another, closed by the chord between them.
+/// The best triangulation of a sub-polygon: the part of the rim from one vertex to another, closed by the straight edge (chord) between
+/// them.
 #[derive(Clone, Copy)]
 struct SubPolygon {
-    /// One minus the cosine of the sharpest bend; infinite if the sub-polygon has no triangulation.
+    /// One minus the cosine of the largest angle between normals of adjacent triangles; infinite if the sub-polygon has no triangulation.
     bend: f64,
     area: f64,
     /// The normal of the triangle at the chord.
@@ -20,21 +21,21 @@ struct SubPolygon {
     apex: u32,
 }
 
-/// Returns the best triangulation of a rim; `None` if every triangulation contains an edge for which `is_taken` is true.
+/// Returns the best triangulation of a hole's rim; `None` if every triangulation contains an edge for which `is_taken` is true.
 pub(crate) fn min_weight(
     points: &[Point3<f64>],
     normals: &[Vector3<f64>],
     is_taken: &dyn Fn(usize, usize) -> bool,
 ) -> Option<Vec<[u32; 3]>> {
     let count = points.len();
-    // Bends are also stored in a table of their own, for a fast test: nearly always one of the two sub-polygons alone is worse than the
-    // best triangulation so far.
+    // Store bends also in a separate table, for a fast test: nearly always, one sub-polygon alone bends more than the best triangulation so
+    // far.
     let mut bends = vec![f64::INFINITY; count * count];
     let none = SubPolygon { bend: f64::INFINITY, area: 0.0, normal: Vector3::zeros(), apex: 0 };
     let mut polygons = vec![none; count * count];
     for k in 0..count - 1 {
         polygons[k * count + k + 1] = SubPolygon { bend: 0.0, normal: normals[k], ..none };
-        // The table is symmetric: both operands of a search are then rows, which are contiguous in memory.
+        // Make the table symmetric, so that both sub-polygons of an apex are read from rows, which are contiguous in memory.
         polygons[(k + 1) * count + k] = polygons[k * count + k + 1];
         bends[k * count + k + 1] = 0.0;
         bends[(k + 1) * count + k] = 0.0;

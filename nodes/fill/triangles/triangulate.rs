@@ -1,7 +1,7 @@
-//! The minimum-weight triangulation of a rim. The weight is the sharpest bend; among equal bends, the area.
+//! The minimum-weight triangulation of a hole's rim. The weight is the largest bend at an edge; among equal bends, the area.
 //!
-//! Liepa, "Filling holes in meshes" (2003), section 3: the triangulation whose sharpest edge, including edges to the surrounding data,
-//! bends least; among equals, the one with the smallest area. Found by dynamic programming: Barequet and Sharir, "Filling gaps in the
+//! Liepa, "Filling holes in meshes" (2003), section 3: minimizes the largest bend, where edges to the surrounding triangles count, too.
+//! Among triangulations with equal bends, minimizes the area. Found by dynamic programming: Barequet and Sharir, "Filling gaps in the
 //! boundary of a polyhedron" (1995).
 
 use nalgebra::{Point3, Vector3};
@@ -10,13 +10,14 @@ use super::large_hole::triangulate_large;
 use super::min_weight::min_weight;
 
 /// Maximum number of rim edges for which the exact minimum is computed; the cost grows with the cube of the number. For longer rims, the
-/// minimum is computed for some of the vertices only.
+/// exact minimum is computed for a subset of the vertices only.
 pub(crate) const MAX_EDGES: usize = 200;
 
-/// Triangulates a rim. Corners are indices of rim vertices, counter-clockwise as seen from the side to which `normals` point, like the rim.
+/// Triangulates a hole. Corners are indices of rim vertices. Triangles and rim are counter-clockwise seen from the side to which `normals`
+/// point.
 ///
-/// `normals` are the unit normals of the data at each rim edge, from its vertex to the next. `is_taken` returns true if the mesh has an
-/// edge between two vertices; no triangle gets such an edge. Returns `None` if no triangulation avoids these edges.
+/// `normals` has, for each rim edge, from its vertex to the next, the unit normal of the input triangle at the edge. `is_taken` returns
+/// true if the mesh has an edge between two vertices; no triangle gets such an edge. Returns `None` if no triangulation avoids these edges.
 pub(crate) fn triangulate(
     points: &[Point3<f64>],
     normals: &[Vector3<f64>],

@@ -1,14 +1,14 @@
-//! The triangulation of a hole as half-edges, so that edges can be flipped, split and collapsed.
+//! The triangulation that fills a hole, stored as half-edges, so that edges can be flipped, split and collapsed.
 
 use nalgebra::{Point3, Vector3};
 
 /// Index of a half-edge or vertex that does not exist.
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// The triangulation of a hole. Half-edge `h` runs from corner `h` of face `h / 3` to the next corner of that face.
+/// The triangulation that fills a hole. Half-edge `h` runs from corner `h` of face `h / 3` to the next corner of that face.
 ///
-/// The first `fixed` vertices are the rim: they are never moved or removed. A caller that makes an edge between two of them must first
-/// check that the mesh has no such edge.
+/// The first `fixed` vertices are the rim of the hole: they are never moved or removed. A caller that adds an edge between two of them must
+/// first check that the mesh has no such edge.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Triangulation {
     pub(crate) points: Vec<Point3<f64>>,
@@ -32,7 +32,7 @@ pub(crate) fn previous(half: u32) -> u32 {
 }
 
 impl Triangulation {
-    /// Returns a triangulation with the given faces over `points`, of which the first `fixed` are the rim.
+    /// Returns a triangulation with the given faces over `points`, the first `fixed` of which are the rim of the hole.
     pub(crate) fn new(points: Vec<Point3<f64>>, fixed: usize, faces: &[[u32; 3]]) -> Self {
         let corners = faces.as_flattened().to_vec();
         let mut leaving = vec![NONE; points.len()];
@@ -43,7 +43,8 @@ impl Triangulation {
         triangulation
     }
 
-    /// Finds the opposite half-edges: sorted by their vertices, the two half-edges of an edge are adjacent.
+    /// Finds the opposite half-edges (twins). Half-edges are sorted by their vertices, which puts the two half-edges of an edge next to
+    /// each other.
     fn link(&mut self) {
         let halves = 0..self.corners.len() as u32;
         let mut ends: Vec<([u32; 2], u32)> = halves
@@ -93,7 +94,7 @@ impl Triangulation {
         (b - a).norm()
     }
 
-    /// Returns the half-edges that leave an inner vertex, all around it.
+    /// Returns the half-edges that leave an inner vertex, in order around it.
     pub(crate) fn halves_around(&self, vertex: u32) -> impl Iterator<Item = u32> {
         let first = self.leaving[vertex as usize];
         let mut half = first;
@@ -115,7 +116,7 @@ impl Triangulation {
         self.halves_around(vertex).map(|half| self.ends(half)[1])
     }
 
-    /// Returns the ends of an edge and the opposite corners of its two faces, and the half-edges opposite to the other four sides of the
+    /// Returns the ends of an edge and the opposite corners of its two faces. Also returns the twins of the other four half-edges of the
     /// two faces.
     fn diamond(&self, half: u32, twin: u32) -> ([u32; 4], [u32; 4]) {
         let [a, b] = self.ends(half);
@@ -158,7 +159,7 @@ impl Triangulation {
         self.points.len() as u32 - 1
     }
 
-    /// Inserts a vertex into an inner edge; returns the vertex.
+    /// Inserts a vertex at `point` into an inner edge. Returns the new vertex.
     pub(crate) fn split(&mut self, half: u32, point: Point3<f64>) -> u32 {
         let twin = self.twins[half as usize];
         let ([a, b, c, d], [bc, ca, ad, db]) = self.diamond(half, twin);
@@ -180,7 +181,7 @@ impl Triangulation {
         m
     }
 
-    /// Inserts a rim vertex into the border edge `half`.
+    /// Inserts the rim vertex `vertex` into the border edge `half`.
     pub(crate) fn split_border(&mut self, half: u32, vertex: u32) {
         let [a, b] = self.ends(half);
         let c = self.corners[previous(half) as usize];
@@ -197,8 +198,8 @@ impl Triangulation {
 
     /// Returns true if the start of `half` can be collapsed into its end so that the result is manifold.
     ///
-    /// Uses the link condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction" (1999). In addition, no edge
-    /// between two rim vertices may appear, since the data could have the same edge.
+    /// Uses the link condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction" (1999). In addition, the
+    /// collapse must not create an edge between two rim vertices, since the input mesh could have the same edge.
     pub(crate) fn may_collapse(&self, half: u32) -> bool {
         let [v, u] = self.ends(half);
         let twin = self.twins[half as usize];
@@ -216,14 +217,14 @@ impl Triangulation {
         }
         let mut others = self.neighbors(v).filter(|&w| w != u && w != c && w != d);
         if self.is_rim(u) {
-            // `halves_around` works for inner vertices only; therefore the ring of `w` is searched, not that of `u`.
+            // `halves_around` works for inner vertices only, so search the ring of `w` instead of that of `u`.
             return others.all(|w| !self.is_rim(w) && self.neighbors(w).all(|other| other != u));
         }
         let others: Vec<u32> = others.collect();
         self.neighbors(u).all(|w| !others.contains(&w))
     }
 
-    /// Collapses the edge of `half` into its end, which keeps its position; the start vertex is removed.
+    /// Collapses the edge of `half` into its end, which keeps its position. The start vertex is removed.
     pub(crate) fn collapse(&mut self, half: u32) {
         let twin = self.twins[half as usize];
         let [v, u] = self.ends(half);
@@ -251,13 +252,13 @@ impl Triangulation {
         self.leaving[v as usize] = NONE;
     }
 
-    /// The number of remaining faces.
+    /// Returns the number of faces that are not removed.
     pub(crate) fn n_faces(&self) -> usize {
         self.corners.as_chunks::<3>().0.iter().filter(|face| face[0] != NONE).count()
     }
 
-    /// Returns the remaining faces with vertices renumbered without gaps, and for each new vertex number the present one. Rim vertices come
-    /// first, then the other vertices in order.
+    /// Returns the remaining faces with vertices renumbered without gaps, and the old number of each new vertex. Rim vertices come first,
+    /// then the other vertices in order.
     pub(crate) fn compact(&self) -> (Vec<[u32; 3]>, Vec<u32>) {
         let mut numbers = vec![NONE; self.points.len()];
         let mut kept: Vec<u32> = (0..self.fixed as u32).collect();
@@ -277,7 +278,7 @@ pub(crate) fn cotangent(apex: Point3<f64>, a: Point3<f64>, b: Point3<f64>) -> f6
     u.dot(&v) / u.cross(&v).norm().max(f64::MIN_POSITIVE)
 }
 
-/// Returns the vector area of a triangle times two: a vector along the normal whose length is twice the area.
+/// Returns twice the vector area of a triangle: a vector along the normal whose length is twice the area.
 pub(crate) fn area_vector([a, b, c]: [Point3<f64>; 3]) -> Vector3<f64> {
     (b - a).cross(&(c - a))
 }

@@ -1,4 +1,4 @@
-//! Blurs levels with a Gaussian.
+//! Blurs the levels of a picture with a Gaussian.
 
 use maquette_value::memory::huge_vec;
 use maquette_value::parallel::*;
@@ -8,10 +8,10 @@ use super::gradient::Levels;
 /// The distance at which the Gaussian is cut off, in standard deviations; at this distance it has 1/3000 of its height.
 const CUTOFF: f64 = 4.0;
 
-/// Blurs levels along rows, then along columns, by a Gaussian of standard deviation `sigma` (pixels). At the border of the picture, the
+/// Blurs levels along rows, then along columns, with a Gaussian of standard deviation `sigma` in pixels. At the border of the picture, the
 /// weights of the pixels inside are scaled to sum to 1.
 ///
-/// Weighted differences of neighbors are added to each level, so that constant areas stay exactly constant.
+/// Weighted differences to neighbors are added to each level, so that constant areas stay exactly constant.
 pub(crate) fn blur(levels: Levels<'_>, sigma: f64) -> Vec<f32> {
     let [width, height] = levels.size();
     let weights = &weights(sigma, width.max(height))[..];
@@ -28,9 +28,9 @@ pub(crate) fn blur(levels: Levels<'_>, sigma: f64) -> Vec<f32> {
     blurred
 }
 
-/// Returns the values of the Gaussian at the distances 0, 1, ... up to its cut-off, or up to the size of the picture.
+/// Returns the values of the Gaussian at the distances 0, 1, ... pixels up to its cutoff, or up to the size of the picture.
 fn weights(sigma: f64, size: usize) -> Vec<f32> {
-    // The square of a smaller sigma would underflow to zero.
+    // The square of a smaller number would underflow to zero.
     let sigma = sigma.max(1e-100);
     let count = (CUTOFF * sigma).ceil() as usize;
     (0..=count.min(size))
@@ -38,7 +38,7 @@ fn weights(sigma: f64, size: usize) -> Vec<f32> {
         .collect()
 }
 
-/// Returns, for each of `count` positions along a row, the sum of the weights that are inside the picture.
+/// Returns, for each of `count` positions along a row or column, the sum of the weights of the pixels inside the picture.
 fn sums(weights: &[f32], count: usize) -> Vec<f32> {
     (0..count)
         .map(|position: usize| {
@@ -52,7 +52,7 @@ fn sums(weights: &[f32], count: usize) -> Vec<f32> {
         .collect()
 }
 
-/// A kernel that blurs a row along itself, given the sums of the weights; dispatched to SIMD code.
+/// A kernel that blurs one row along the row, given the sums of the weights; dispatched to SIMD code.
 struct AlongRow<'a> {
     levels: Levels<'a>,
     row: usize,
@@ -81,7 +81,7 @@ impl pulp::NullaryFnOnce for AlongRow<'_> {
     }
 }
 
-/// A kernel that blurs a row across the rows; dispatched to SIMD code.
+/// A kernel that computes one row of the blur along columns; dispatched to SIMD code.
 struct AcrossRows<'a> {
     rows: &'a [f32],
     row: usize,

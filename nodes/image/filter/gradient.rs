@@ -1,20 +1,20 @@
-//! The gradient of the levels of a picture.
+//! The gradient of a picture's levels (numbers per pixel).
 //!
-//! Differences are taken along rows and columns. At the border of the picture they are one-sided, which requires no levels beyond it. A
+//! Differences are taken along rows and columns. At the border of the picture they are one-sided, so that no levels beyond it are needed. A
 //! linear ramp has the same gradient everywhere, including the border.
 
 use maquette_value::{Image, Mask, Rgb};
 
 use crate::operator::Operator;
 
-/// A picture with one number per pixel.
+/// A picture with one number (level) per pixel.
 #[derive(Clone, Copy)]
 pub(crate) enum Levels<'a> {
     /// The luma, 0.299 red + 0.587 green + 0.114 blue: 0 to 255.
     Luma(&'a Image),
-    /// 0 outside the mask, 1 inside.
+    /// The level is 1 inside the mask and 0 outside.
     Inside(&'a Mask),
-    /// Given numbers, row by row, and the number of columns.
+    /// Given levels, row by row, and the number of columns.
     Plane(&'a [f32], usize),
 }
 
@@ -45,8 +45,8 @@ impl Levels<'_> {
     }
 }
 
-/// Writes the luma of pixels. The channels of a block are separated first, which lets the compiler vectorize both loops; a shorter block
-/// would be unrolled to single bytes instead.
+/// Writes the luma of pixels. The channels of a block are separated first, so that the compiler vectorizes both loops. With a smaller block
+/// size, it would unroll the loops to single bytes instead.
 #[inline(always)]
 fn write_luma(pixels: &[Rgb], to: &mut [f32]) {
     const BLOCK: usize = 256;
@@ -64,15 +64,14 @@ fn write_luma(pixels: &[Rgb], to: &mut [f32]) {
     to_rest.iter_mut().zip(rest).for_each(|(to, &pixel)| *to = luma(pixel));
 }
 
-/// Returns the luma of a color. The weights sum to 1000 thousandths and the sum is an integer; a gray pixel therefore has exactly its own
-/// level.
+/// Returns the luma of a color. The weights are integers that sum to 1000, so the luma of a gray pixel is exactly its gray level.
 #[inline(always)]
 fn luma([r, g, b]: Rgb) -> f32 {
     thousandths((299 * i32::from(r) + 587 * i32::from(g) + 114 * i32::from(b)) as f32)
 }
 
-/// Returns a thousandth of an integer up to 255 000, rounded to nearest as by a division, but several times faster: the first product is
-/// exact.
+/// Returns a thousandth of an integer up to 255 000. The result is rounded to nearest like that of a division, but computed several times
+/// faster: the first product is exact.
 #[inline(always)]
 fn thousandths(number: f32) -> f32 {
     const UPPER_PART: f32 = 33.0 / 32768.0;
@@ -80,7 +79,7 @@ fn thousandths(number: f32) -> f32 {
     number * UPPER_PART + number * LOWER_PART
 }
 
-/// Writes the length of the gradient at the pixels of rows from `first` on, in levels per pixel.
+/// Writes the length of the gradient at each pixel of the rows from `first` on, in levels per pixel.
 pub(crate) fn write_gradient(
     levels: Levels<'_>,
     operator: Operator,
@@ -90,7 +89,7 @@ pub(crate) fn write_gradient(
     pulp::Arch::new().dispatch(Strip { levels, operator, first, lengths });
 }
 
-/// A kernel that processes some rows; dispatched to SIMD code.
+/// A kernel that computes the gradient of some rows; dispatched to SIMD code.
 struct Strip<'a> {
     levels: Levels<'a>,
     operator: Operator,
@@ -107,7 +106,7 @@ impl pulp::NullaryFnOnce for Strip<'_> {
     }
 }
 
-/// Computes the gradient of the rows from `first` on.
+/// Writes the length of the gradient at each pixel of the rows from `first` on.
 #[inline(always)]
 fn gradient_of_strip(levels: Levels<'_>, operator: Operator, first: usize, lengths: &mut [f32]) {
     let [width, height] = levels.size();
@@ -115,7 +114,7 @@ fn gradient_of_strip(levels: Levels<'_>, operator: Operator, first: usize, lengt
     fn buffer(width: usize) -> Vec<f32> {
         vec![0.0; width]
     }
-    // The levels of the previous, the current and the next row: row k is in window[k % 3].
+    // The levels of the previous, the current and the next row: row k is in `window[k % 3]`.
     let mut window = [buffer(width), buffer(width), buffer(width)];
     let (mut around, mut down) = (buffer(width), buffer(width));
     let mut read = first.saturating_sub(1);
@@ -143,7 +142,7 @@ fn gradient_of_strip(levels: Levels<'_>, operator: Operator, first: usize, lengt
     }
 }
 
-/// Writes the lengths of the gradients of a row, from its differences along the row and the given differences across it.
+/// Writes the lengths of the gradients in a row. The differences along the row are computed, those across it are given as `down`.
 #[inline(always)]
 fn write_lengths(operator: Operator, row: &[f32], down: &[f32], to: &mut [f32]) {
     let last = row.len() - 1;
@@ -161,8 +160,8 @@ fn write_lengths(operator: Operator, row: &[f32], down: &[f32], to: &mut [f32]) 
     (to[0], to[last]) = (at_start, at_end);
 }
 
-/// Writes the lengths of the gradients for Sobel's operator, which averages the differences across the row along the row; beyond the ends
-/// of the row, its values are repeated.
+/// Writes the lengths of the gradients in a row for Sobel's operator. It averages the differences across the row, `down`, along the row;
+/// beyond the ends of the row, the end values are repeated.
 #[inline(always)]
 fn write_lengths_of_means(row: &[f32], down: &[f32], to: &mut [f32]) {
     let last = row.len() - 1;
@@ -185,20 +184,20 @@ fn length(across: f32, down: f32) -> f32 {
     (across * across + down * down).sqrt()
 }
 
-/// Returns the mean of three neighbors, weighted 1, 2, 1.
+/// Returns the mean of three adjacent values, weighted 1, 2, 1.
 #[inline(always)]
 fn mean(a: f32, b: f32, c: f32) -> f32 {
     (a + 2.0 * b + c) * 0.25
 }
 
-/// Returns the difference along a row at `index`.
+/// Returns the difference of levels along a row at `index`, per pixel.
 #[inline(always)]
 fn slope(operator: Operator, row: &[f32], index: usize) -> f32 {
     let (before, after) = neighbors(operator, index, row.len());
     (row[after] - row[before]) / neighbor_distance(operator, index, row.len())
 }
 
-/// Returns the two positions whose levels are compared at position `index` of `count`.
+/// Returns the two positions whose levels are compared at position `index` in a line of `count` pixels.
 #[inline(always)]
 fn neighbors(operator: Operator, index: usize, count: usize) -> (usize, usize) {
     let next = (index + 1).min(count - 1);
@@ -208,7 +207,7 @@ fn neighbors(operator: Operator, index: usize, count: usize) -> (usize, usize) {
     }
 }
 
-/// Returns the distance of the two compared positions. It is 1 if there is only one position, whose difference from itself is 0.
+/// Returns the distance between the two positions that [`neighbors`] returns. Returns 1 if both are the same; their difference is 0.
 #[inline(always)]
 fn neighbor_distance(operator: Operator, index: usize, count: usize) -> f32 {
     let (before, after) = neighbors(operator, index, count);
@@ -219,7 +218,7 @@ fn neighbor_distance(operator: Operator, index: usize, count: usize) -> f32 {
 mod tests {
     use super::*;
 
-    /// Returns the gradient of a picture, computed in strips of `rows` rows.
+    /// Returns the lengths of the gradients of a picture, computed in strips of `rows` rows.
     fn gradient(levels: &[f32], width: usize, operator: Operator, rows: usize) -> Vec<f32> {
         let mut lengths = vec![f32::NAN; levels.len()];
         for (strip, lengths) in lengths.chunks_mut(rows * width.max(1)).enumerate() {

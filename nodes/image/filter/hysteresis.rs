@@ -1,16 +1,16 @@
-//! Keeps the weak pixels that are connected with strong ones, 64 pixels at a time.
+//! Hysteresis: keeps the weak pixels that are connected with strong pixels, 64 pixels at a time.
 //!
 //! Sweeps over rows of bits, downward and upward, until nothing changes. This is morphological reconstruction of the weak pixels from the
 //! strong ones, on packed bits: Vincent, "Morphological grayscale reconstruction in image analysis", IEEE Transactions on Image Processing
-//! 2 (1993), section 3. A run along a row is filled at once, by the carry of an addition. The result does not depend on the order of the
-//! sweeps. The time is about three passes over the bits; a spiral needs a pass per turn.
+//! 2 (1993), section 3. A run of pixels along a row is filled at once, by the carry of an addition. The result does not depend on the order
+//! of the sweeps. The usual time is about three passes over the bits; a spiral needs one pass per winding.
 
 use maquette_value::parallel::*;
 
 /// The number of pixels per word.
 pub(crate) const WORD: usize = u64::BITS as usize;
 
-/// Rows of bits: bit `k` of word `n` of a row is its column `64 n + k`. Bits after the last column are 0.
+/// Rows of bits, one bit per pixel: bit `k` of word `n` of a row is for column `64 n + k`. Bits after the last column are 0.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Bits {
     /// The number of words per row.
@@ -27,10 +27,10 @@ impl Bits {
     }
 }
 
-/// Clears the bits of unwanted pixels in a row, and the bits after the last pixel.
+/// Clears, in a row of bits, those of pixels for which `is_wanted` is false, and those after the last pixel.
 #[inline(always)]
 pub(crate) fn retain<T: Copy>(bits: &mut [u64], pixels: &[T], is_wanted: impl Fn(T) -> bool) {
-    // Loops over whole words have a fixed length, which makes them several times faster.
+    // Process whole words separately: a loop of fixed length is several times faster.
     let (blocks, rest) = pixels.as_chunks::<WORD>();
     let (words, others) = bits.split_at_mut(blocks.len());
     words.iter_mut().zip(blocks).for_each(|(word, block)| *word &= pack(block, &is_wanted));
@@ -40,7 +40,7 @@ pub(crate) fn retain<T: Copy>(bits: &mut [u64], pixels: &[T], is_wanted: impl Fn
     }
 }
 
-/// Packs up to 64 pixels into bits; the bits of wanted pixels are 1.
+/// Packs up to 64 pixels into bits: 1 if `is_wanted` is true for the pixel.
 #[inline(always)]
 fn pack<T: Copy>(pixels: &[T], is_wanted: impl Fn(T) -> bool) -> u64 {
     let mut bytes = [0; WORD];
@@ -53,13 +53,13 @@ fn pack<T: Copy>(pixels: &[T], is_wanted: impl Fn(T) -> bool) -> u64 {
     })
 }
 
-/// The number of rows per task.
+/// The number of rows that one task processes.
 const STRIP_ROWS: usize = 64;
 
-/// Returns the weak pixels from which a path over weak pixels, along sides and corners, leads to a strong pixel. Every strong pixel must
+/// Returns the weak pixels from which a path over weak pixels, along sides and corners, leads to a strong pixel. Each strong pixel must
 /// also be weak.
 ///
-/// Strips of rows are processed first, in parallel; afterwards only rows at the borders of strips can grow.
+/// Strips of rows are processed first, in parallel. Afterwards, only rows at the borders of strips, and rows that these change, can grow.
 pub(crate) fn reconstruct(weak: &Bits, strong: Bits) -> Bits {
     let mut kept = strong;
     let words = kept.words.max(1);
@@ -75,7 +75,7 @@ pub(crate) fn reconstruct(weak: &Bits, strong: Bits) -> Bits {
     kept
 }
 
-/// Grows the waiting rows, and the rows whose neighbor has changed, until no row changes.
+/// Adds connected weak pixels to the rows for which `waiting` is true, and then to neighbors of changed rows, until no row changes.
 fn grow_rows(words: usize, weak: &[u64], kept: &mut [u64], mut waiting: Vec<bool>) {
     let height = waiting.len();
     let mut touching = vec![0; words + 1];
@@ -91,8 +91,8 @@ fn grow_rows(words: usize, weak: &[u64], kept: &mut [u64], mut waiting: Vec<bool
     }
 }
 
-/// Grows a row into the weak pixels that are adjacent to its own pixels or to those of the neighboring rows. Returns true if the row has
-/// changed. `touching` is a buffer for a row, with an additional word of 0.
+/// Adds to a row the weak pixels that are connected with its own pixels or with those of the neighboring rows. Returns true if the row has
+/// changed. `touching` is a buffer for a row, followed by a word that is 0.
 fn grow(row: usize, weak: &[u64], kept: &mut [u64], touching: &mut [u64]) -> bool {
     let words = touching.len() - 1;
     let rows = row.saturating_sub(1) * words..kept.len().min((row + 2) * words);
@@ -125,9 +125,9 @@ fn grow(row: usize, weak: &[u64], kept: &mut [u64], touching: &mut [u64]) -> boo
     changed != 0
 }
 
-/// Extends the seeds along runs of weak bits to the upper ends of the runs. `carry` is passed from one word to the next.
+/// Extends the seeds to the upper ends of the runs of weak bits that contain them. `carry` is passed from one word to the next.
 fn run_on(seeds: u64, weak: u64, carry: &mut bool) -> u64 {
-    // Adding a seed to its run flips every bit from the seed to the end of the run, except for other seeds.
+    // Adding a seed to its run flips all bits from the seed to the end of the run, except other seeds.
     let (sum, over) = weak.overflowing_add(seeds);
     let (sum, over_too) = sum.overflowing_add(u64::from(*carry));
     *carry = over | over_too;

@@ -1,16 +1,18 @@
 //! Opening and closing of masks by squares: Serra, *Image Analysis and Mathematical Morphology* (1982), chapter 2.
 //!
-//! A square of radius r has (2 r + 1)^2 pixels. All pixels beyond the border of the picture are background, so that an object at the border
-//! is neither extended along the border nor eroded from it.
+//! A square of radius r has (2 r + 1)^2 pixels. All pixels beyond the border of the picture are background. An object at the border is
+//! neither extended along the border nor eroded from it.
 
 use maquette_value::Mask;
 
-/// Removes the parts of the mask into which no square of the radius `radius` fits: erosion, then dilation. Radius 0 changes nothing.
+/// Removes the parts of the mask that no square of the radius `radius` inside the mask covers: erosion, then dilation. Radius 0 changes
+/// nothing.
 pub fn open(mask: &Mask, radius: usize) -> Mask {
     spread_both(mask, radius, [0, 1])
 }
 
-/// Closes the gaps into which no square of the radius `radius` fits: dilation, then erosion. Radius 0 changes nothing.
+/// Fills the gaps of the mask that no square of the radius `radius` outside the mask covers: dilation, then erosion. Radius 0 changes
+/// nothing.
 pub fn close(mask: &Mask, radius: usize) -> Mask {
     spread_both(mask, radius, [1, 0])
 }
@@ -23,13 +25,13 @@ pub fn dilate(mask: &Mask, radius: usize) -> Mask {
     Mask::new(width, height, pixels).expect("as many pixels as before")
 }
 
-/// Spreads the pixels with the value `kinds[0]`, then those with the value `kinds[1]`.
+/// Spreads the pixels with the value `kinds[0]` by squares of the radius `radius`, then those with the value `kinds[1]`.
 fn spread_both(mask: &Mask, radius: usize, kinds: [u8; 2]) -> Mask {
     let (width, height) = (mask.width(), mask.height());
     if radius == 0 || mask.count() == 0 {
         return mask.clone();
     }
-    // The margin keeps the part of the first step's result that is beyond the border, because the second step needs it.
+    // Add a margin around the picture. It holds the pixels beyond the border that the first step sets and the second step needs.
     let (wide, high) = (width + 2 * radius, height + 2 * radius);
     let mut pixels = vec![0; wide * high];
     for row in 0..height {
@@ -47,14 +49,14 @@ fn spread_both(mask: &Mask, radius: usize, kinds: [u8; 2]) -> Mask {
     .expect("as many pixels as before")
 }
 
-/// Sets all pixels to `kind` that are in a square around a pixel with the value `kind`.
+/// Sets to `kind` all pixels in the squares of the radius `radius` around pixels with the value `kind`.
 fn spread_square(pixels: &mut [u8], width: usize, height: usize, radius: usize, kind: u8) {
     (0..height).for_each(|row| spread(pixels, row * width, 1, width, radius, kind));
     (0..width).for_each(|column| spread(pixels, column, width, height, radius, kind));
 }
 
-/// Sets each pixel to `kind` whose distance from a pixel with the value `kind` is at most `radius`, along one line of `count` pixels whose
-/// indices are `step` apart.
+/// Sets to `kind` each pixel on a line whose distance from a pixel with the value `kind` is at most `radius`. The line has `count` pixels,
+/// whose indices are `step` apart.
 fn spread(pixels: &mut [u8], first: usize, step: usize, count: usize, radius: usize, kind: u8) {
     let of_kind: Vec<usize> = (0..count).filter(|k| pixels[first + k * step] == kind).collect();
     let mut done = 0;

@@ -1,4 +1,4 @@
-//! Percentiles of many numbers.
+//! Percentiles of many numbers, such as the gradients of a picture.
 
 use maquette_value::parallel::*;
 
@@ -7,15 +7,15 @@ use super::hysteresis::{WORD, retain};
 /// The count of numbers that one task processes: few enough to stay in the first-level cache.
 const CHUNK: usize = 1 << 12;
 
-/// The sample contains one in this many numbers.
+/// One number in 256 is in the sample from which bounds are estimated.
 const SAMPLED: usize = 256;
 
-/// Returns the smallest of the numbers that at least `percent` percent of the numbers do not exceed: the nearest rank. Only numbers where
-/// `within` is 1 count (all if `None`). `numbers` must be neither negative nor NaN. Returns `None` if no number counts.
+/// Returns the smallest of the numbers such that at least `percent` percent of them are not greater: the nearest rank. Only numbers for
+/// which `within` is 1 count; all if it is `None`. `numbers` must be neither negative nor NaN. Returns `None` if no number counts.
 ///
-/// A sample gives two bounds for the result. One pass counts the numbers below the bounds and collects the numbers between them, about a
-/// hundredth of all. If the result is outside the bounds, a second pass uses the other side of one bound: Floyd and Rivest, "Expected time
-/// bounds for selection", Communications of the ACM 18 (1975), section 2.
+/// A sample gives a lower and an upper bound for the result. One pass counts the numbers below the bounds and collects the numbers between
+/// them, about a hundredth of all. If the result is not between the bounds, a second pass searches beyond one of them: Floyd and Rivest,
+/// "Expected time bounds for selection", Communications of the ACM 18 (1975), section 2.
 pub(crate) fn percentile(numbers: &[f32], within: Option<&[u8]>, percent: f64) -> Option<f32> {
     let fraction = (percent / 100.0).clamp(0.0, 1.0);
     let mut bounds = estimate(sample(numbers, within), fraction);
@@ -43,13 +43,14 @@ fn sample(numbers: &[f32], within: Option<&[u8]>) -> Vec<f32> {
     indices.map(|k| numbers[k]).collect()
 }
 
-/// Returns an index among the `k`th [`SAMPLED`] numbers. The indices are irregular, so no pattern of a picture coincides with them.
+/// Returns a pseudorandom index in the `k`th block of [`SAMPLED`] numbers. With regular indices, a regular pattern in the picture would
+/// falsify the sample.
 fn sample_index(k: usize) -> usize {
     SAMPLED * k + k.wrapping_mul(0x9e37_79b1) / (1 << 24) % SAMPLED
 }
 
-/// Returns bounds for the percentile, at four standard deviations of its rank to either side. The bounds are wrong for about one of ten
-/// thousand samples.
+/// Returns a lower and an upper bound for the percentile, four standard deviations of its rank away from it. The percentile is not between
+/// them for about one of ten thousand samples.
 fn estimate(mut sample: Vec<f32>, fraction: f64) -> [f32; 2] {
     let rank = fraction * sample.len() as f64;
     let margin = 4.0 * (rank * (1.0 - fraction)).sqrt() + 1.0;
@@ -62,8 +63,8 @@ fn estimate(mut sample: Vec<f32>, fraction: f64) -> [f32; 2] {
     })
 }
 
-/// Counts the numbers inside the mask: those less than the first bound, those at most the first, those less than the second, and all. Also
-/// returns the numbers between the bounds.
+/// Counts the numbers inside the mask: those less than the first bound, those not greater than the first bound, those less than the second
+/// bound, and all. Also returns the numbers between the bounds.
 fn split(numbers: &[f32], within: Option<&[u8]>, bounds: [f32; 2]) -> ([usize; 4], Vec<f32>) {
     let chunks = numbers.par_chunks(CHUNK).enumerate().map(|(chunk, numbers)| {
         let within = within.map(|within| &within[chunk * CHUNK..][..numbers.len()]);
@@ -78,7 +79,7 @@ fn split(numbers: &[f32], within: Option<&[u8]>, bounds: [f32; 2]) -> ([usize; 4
     (sums, between)
 }
 
-/// A kernel that compares numbers with bounds; dispatched to SIMD code.
+/// A kernel that compares numbers with two bounds; dispatched to SIMD code.
 struct Chunk<'a> {
     numbers: &'a [f32],
     within: Option<&'a [u8]>,
@@ -109,7 +110,7 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
 }
 
 impl Chunk<'_> {
-    /// Returns, as set bits, the numbers inside the mask for which `is` returns true.
+    /// Returns one bit per number: 1 if the number is inside the mask and `is` returns true.
     #[inline(always)]
     fn bits(&self, is: impl Fn(f32) -> bool) -> [u64; CHUNK / WORD] {
         let mut bits = [u64::MAX; CHUNK / WORD];

@@ -1,7 +1,7 @@
-//! The connected parts of a mask.
+//! Labels the connected components of a mask.
 //!
 //! Two passes over runs of pixels: He, Chao and Suzuki, "A run-based two-scan labeling algorithm", IEEE Transactions on Image Processing 17
-//! (2008). Strips of rows are processed in parallel, each with as many provisional labels as it has runs; the final numbering does not
+//! (2008). Strips of rows are processed in parallel, each with as many provisional labels as it has runs. The final numbering does not
 //! depend on the division into strips.
 
 use std::ops::Range;
@@ -11,10 +11,10 @@ use maquette_value::{LabelRun, Labels, Mask};
 
 use crate::connectivity::Connectivity;
 
-/// The number of rows in a strip: enough work to be worth a thread.
+/// The number of rows in a strip: enough work for a parallel task.
 const STRIP_ROWS: usize = 64;
 
-/// Numbers the connected parts of `mask`, in the order of their first pixels, row by row from the top.
+/// Numbers the connected components of `mask`, in the order of their first pixels, row by row from the top.
 pub fn label(mask: &Mask, connectivity: Connectivity) -> Labels {
     let (width, height) = (mask.width(), mask.height());
     let reach = match connectivity {
@@ -34,12 +34,12 @@ pub fn label(mask: &Mask, connectivity: Connectivity) -> Labels {
         .expect("runs are found row by row, and a part is numbered at its first run")
 }
 
-/// Rows of a mask as runs, and the connections between the runs.
+/// Rows of a mask as runs (pixels of a row that are inside the mask without a gap), and the connections between the runs.
 #[derive(Default)]
 pub(crate) struct Strip {
     /// The runs, row by row from the top; their labels are not set yet.
     runs: Vec<LabelRun>,
-    /// For each run, a connected run that does not come after it. The first run of a component refers to itself.
+    /// For each run, the index of a connected run, not greater than its own index. The first run of a component refers to itself.
     parents: Vec<u32>,
     /// The number of runs in the first row.
     first: usize,
@@ -72,7 +72,7 @@ impl Strip {
         strip
     }
 
-    /// Appends the strip below `self`.
+    /// Appends the strip of rows below `self`, and connects its first row with the last row of `self`.
     fn append(&mut self, below: Self, reach: u32) {
         let start = self.runs.len();
         self.runs.extend(below.runs);
@@ -81,12 +81,12 @@ impl Strip {
         self.last = below.last;
     }
 
-    /// Connects the runs of two rows that overlap, or that are within `reach` of each other.
+    /// Connects the runs of two adjacent rows that share a side of pixels; with `reach` 1 also those that share only a corner.
     fn join_rows(&mut self, above: Range<usize>, below: Range<usize>, reach: u32) {
         let mut upper = above.start;
         for lower in below {
             let LabelRun { start, end, .. } = self.runs[lower];
-            // If a run above ends before the current run, it meets no later run of the row either.
+            // A run above that ends before the current run does not touch later runs of the row either.
             while upper < above.end && self.runs[upper].end + reach <= start {
                 upper += 1;
             }
@@ -98,13 +98,13 @@ impl Strip {
         }
     }
 
-    /// Connects two parts. The earlier of the two parts' first runs becomes the first run of the union.
+    /// Connects the components of two runs. The earlier of their first runs becomes the first run of the union.
     fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.find(a), self.find(b));
         self.parents[a.max(b) as usize] = a.min(b);
     }
 
-    /// Finds the first run of a part, with path halving: Tarjan and van Leeuwen, "Worst-case analysis of set union algorithms" (1984).
+    /// Finds the first run of a component, with path halving: Tarjan and van Leeuwen, "Worst-case analysis of set union algorithms" (1984).
     fn find(&mut self, mut run: u32) -> u32 {
         while self.parents[run as usize] != run {
             let parent = self.parents[run as usize];
@@ -114,7 +114,7 @@ impl Strip {
         run
     }
 
-    /// Returns the runs with their labels.
+    /// Returns the runs with the labels of their components, numbered from 1.
     fn into_labels(mut self) -> Vec<LabelRun> {
         let mut count = 0;
         for run in 0..self.runs.len() {
@@ -130,7 +130,7 @@ impl Strip {
     }
 }
 
-/// Adds the runs of one row to `runs`.
+/// Appends the runs of one row of pixels to `runs`.
 fn push_runs(pixels: &[u8], row: u32, runs: &mut Vec<LabelRun>) {
     let mut start = 0;
     while start < pixels.len() {
@@ -142,9 +142,9 @@ fn push_runs(pixels: &[u8], row: u32, runs: &mut Vec<LabelRun>) {
     }
 }
 
-/// Returns the number of pixels at the start that are equal to the first one.
+/// Returns the number of pixels at the start that are equal to the first pixel.
 fn run_length(pixels: &[u8]) -> usize {
-    // Sixteen pixels are one comparison for the processor.
+    // Compare 16 pixels at once, with one instruction of the processor.
     let sixteen = [pixels[0]; 16];
     let length = 16 * pixels.chunks_exact(16).take_while(|chunk| **chunk == sixteen).count();
     let rest = &pixels[length..];
@@ -157,7 +157,7 @@ mod tests {
 
     const BOTH: [Connectivity; 2] = [Connectivity::Eight, Connectivity::Four];
 
-    /// Labels a mask by the definition: floods from each pixel without a label, row by row from the top.
+    /// Labels a mask by the definition: floods from each pixel that has no label yet, row by row from the top.
     fn flood(mask: &Mask, connectivity: Connectivity) -> Vec<u32> {
         let (width, height) = (mask.width() as isize, mask.height() as isize);
         let mut labels = vec![0; mask.pixels().len()];
@@ -191,7 +191,7 @@ mod tests {
         labels
     }
 
-    /// Returns a mask with `density` percent of the pixels inside: Marsaglia's xorshift, seeded by the size of the mask.
+    /// Returns a mask in which about `density` percent of the pixels are inside: Marsaglia's xorshift, seeded by the size of the mask.
     fn noise(width: usize, height: usize, density: u64) -> Mask {
         let mut state = ((1 + width * 1000 + height) as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let pixels = (0..width * height).map(|_| {

@@ -8,9 +8,10 @@ use maquette_value::{Image, Mask};
 use super::select::{Select, measure};
 use crate::checks::check_size;
 
-/// Marks the pixels of `image`, inside `within` if given, that `select` accepts; with `invert` all other pixels.
+/// Returns a mask of the pixels of `image` that `select` accepts, or with `invert` of all others. With `within`, the result contains only
+/// pixels inside this mask.
 ///
-/// Returns an error if a sampled pixel is outside the picture, or `within` has another size.
+/// Returns an error if a sampled pixel is outside the picture, or if `within` does not have the size of the picture.
 pub fn threshold(
     image: &Image,
     within: Option<&Mask>,
@@ -31,5 +32,5 @@ pub fn threshold(
     Ok(Mask::from_bools(image.width(), image.height(), marks).expect("one mark per pixel"))
 }
 
-/// The number of pixels per task: about 0.1 ms of work, and few enough for the cache.
+/// The number of pixels that one task processes: about 0.1 ms of work, and few enough for the cache.
 const CHUNK: usize = 16 * 1024;

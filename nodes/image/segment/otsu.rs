@@ -1,11 +1,11 @@
-//! Otsu's threshold.
+//! Otsu's threshold, which divides a histogram into two classes.
 
-/// Returns the level that divides a histogram best: levels above it are the second class. If several levels are best, returns their mean,
-/// rounded down; if the histogram has only one level, returns that level.
+/// Returns the level that divides a histogram best: the classes are the levels up to it and the levels above it. If several levels are
+/// best, returns their mean, rounded down. If the histogram has only one level, returns that level.
 ///
 /// Otsu, "A threshold selection method from gray-level histograms" (1979), eq. 18: the level maximizes the variance between classes, `(mu_T
-/// w - mu)^2 / (w (1 - w))`, where `w` and `mu` are the zeroth and first moments of the histogram up to the level, and `mu_T` is its mean.
-/// All sums are integers, so equal variances compare as equal.
+/// w - mu)^2 / (w (1 - w))`. Here `w` and `mu` are the zeroth and first moments of the histogram up to the level, and `mu_T` is the mean of
+/// the histogram. All sums are integers, so that equal variances compare as equal.
 pub fn otsu(histogram: &[u64; 256]) -> u32 {
     let total: u64 = histogram.iter().sum();
     let moment: u64 =

@@ -1,4 +1,4 @@
-//! Selection rules of a threshold, and the distance of pixels from the selection.
+//! Rules that select pixels by color, and the distance of a pixel from being selected.
 
 use maquette_node::Error;
 use maquette_value::{Color, Image, Lab, Mask, Rgb};
@@ -90,17 +90,17 @@ pub enum Channel {
     Saturation,
 }
 
-/// The measure of a pixel's distance from the selection.
+/// Measures how far a pixel is from a selection rule. Pixels are selected up to the maximum distance that [`measure`] returns.
 pub(crate) enum Measure {
-    /// The distance from a color, in Lab, with lightness differences weighted by `lightness`.
+    /// The distance from a color in CIE L*a*b*, with lightness differences weighted by `lightness`.
     Color { color: Lab, lightness: f32 },
-    /// The distance from a box: the largest excess over its sides, in the units of its color space.
+    /// The distance from a box in a color space: the maximum amount by which a channel is outside, in the channel's unit.
     Box { space: Space, low: [f32; 3], high: [f32; 3] },
-    /// The difference to the minimum selected level, if the pixel is below it.
+    /// The difference between the minimum selected level and the pixel's level; 0 if the level is not below the minimum.
     Level { channel: Channel, min: u32 },
 }
 
-/// Returns the distance measure of `select`, and the maximum distance of selected pixels.
+/// Returns the distance measure of `select`, and the maximum distance of a selected pixel.
 pub(crate) fn measure(
     image: &Image,
     within: Option<&Mask>,
@@ -132,7 +132,7 @@ pub(crate) fn measure(
 }
 
 impl Measure {
-    /// Marks the pixels that are at most `limit` away; with `invert` all other pixels.
+    /// Sets `marks` for the pixels whose distance is at most `limit`; with `invert` for all other pixels.
     pub(crate) fn mark(&self, pixels: &[Rgb], limit: f32, invert: bool, marks: &mut [bool]) {
         if let Self::Box { space: Space::Rgb, low, high } = *self {
             return mark_box(pixels, low, high, invert, marks);
@@ -172,9 +172,9 @@ impl Measure {
     }
 }
 
-/// Marks the pixels in a box of sRGB values; with `invert` all other pixels.
+/// Sets `marks` for the pixels in a box of sRGB values; with `invert` for all other pixels.
 fn mark_box(pixels: &[Rgb], low: [f32; 3], high: [f32; 3], invert: bool, marks: &mut [bool]) {
-    // The smallest and largest integers in the box; the casts saturate at 0 and 255.
+    // The smallest and largest integers in the box. Casts to `u8` saturate at 0 and 255.
     let (min, max) = (low.map(|x| x.ceil() as u8), high.map(|x| x.floor() as u8));
     let is_empty =
         (0..3).any(|k| high[k] < low[k] || high[k] < 0.0 || 255.0 < low[k] || max[k] < min[k]);
@@ -184,15 +184,15 @@ fn mark_box(pixels: &[Rgb], low: [f32; 3], high: [f32; 3], invert: bool, marks: 
     let span = [0, 1, 2].map(|k| max[k] - min[k]);
     pulp::Arch::new().dispatch(|| {
         for (mark, pixel) in marks.iter_mut().zip(pixels) {
-            // A value below the minimum wraps around to a value above the span: one comparison covers both sides.
+            // With wrapping subtraction, a value below the minimum becomes greater than the span, so one comparison tests both sides.
             let inside = |k: usize| pixel[k].wrapping_sub(min[k]) <= span[k];
             *mark = (inside(0) & inside(1) & inside(2)) != invert;
         }
     });
 }
 
-/// Returns hue (degrees), saturation and value (0 to 1) of sRGB values: the hexcone of Smith, "Color Gamut Transform Pairs" (1978). Returns
-/// `None` for gray, which has no hue.
+/// Returns hue (degrees), saturation and value (0 to 1) of a color in sRGB, by the hexcone of Smith, "Color Gamut Transform Pairs" (1978).
+/// Returns `None` for gray, which has no hue.
 fn hsv(pixel: Rgb) -> Option<[f32; 3]> {
     let [r, g, b] = pixel.map(f32::from);
     let (max, min) = (r.max(g).max(b), r.min(g).min(b));

@@ -7,12 +7,12 @@ use super::*;
 
 const HOLE: Point3<f64> = Point3::new(f64::NAN, f64::NAN, f64::NAN);
 
-/// Returns the labels of the parts of a drawing.
+/// Returns the labels of the connected parts that `#` draws.
 fn spots(rows: &[&str]) -> Labels {
     label(&Mask::from_rows(rows), Connectivity::Eight)
 }
 
-/// Returns a range image with points on a tilted plane where the drawing has `#`.
+/// Returns a range image whose valid cells are drawn as `#`; their points are on a tilted plane.
 fn scan(rows: &[&str]) -> RangeImage {
     let mask = Mask::from_rows(rows);
     let points = mask
@@ -52,7 +52,7 @@ fn check(labels: &[&str], range: &[&str], fill: bool, expected: Expect) {
     expected.assert_eq(&draw(&region));
 }
 
-/// Draws the cells that a chain of cells separates from the border, including the chain.
+/// Draws the cells of a closed chain, and the cells that the chain separates from the border of the grid.
 fn fill_contour(width: usize, height: usize, chain: &[u32]) -> String {
     let mut rest = vec![1; width * height];
     chain.iter().for_each(|&cell| rest[cell as usize] = 0);
@@ -184,7 +184,7 @@ fn areas_that_a_part_surrounds_belong_to_it() {
         )
     }
     assert_eq!(region(false, &labels), "#####.\n#...#.\n#...#.\n#...##\n###.##\n");
-    // The part is open at the bottom, so it surrounds nothing.
+    // The part is open at the bottom, so it surrounds nothing and `enclosed` changes nothing.
     assert_eq!(region(true, &labels), region(false, &labels));
     let closed = ["#####.", "#...#.", "#.#.#.", "#...##", "######"];
     let labels = label(&Mask::from_rows(&closed), Connectivity::Four);

@@ -1,36 +1,37 @@
-//! Smooths the borders of a grid's mesh, to remove the steps of the grid.
+//! Smooths the borders of a mesh made from a range grid, to remove the steps of the grid.
 //!
-//! A short border has no long waves and would shrink to a point; therefore vertices move less where a face would lose its area. A component
-//! of one or two triangles would shrink as a whole, and is left out: it is not visible, and makes a solid unprintable.
+//! Smoothing keeps only long waves, so a short border would shrink to a point; therefore vertices move less where a face would lose its
+//! area. A component of one or two triangles would shrink as a whole, and is left out of the mesh: it is not visible, and makes a solid
+//! unprintable.
 
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector2, Vector3};
 
 use super::grid_triangles::double_area;
 
-/// The vertices along the borders of a grid's mesh.
+/// The vertices along the borders of a mesh made from a range grid.
 pub(crate) struct Border {
-    /// For each border vertex, the previous and the next vertex along the border, by index among the border vertices.
+    /// For each border vertex, the previous and the next vertex along the border, as indices into `vertices`.
     neighbors: Vec<[u32; 2]>,
-    /// The indices of the border vertices in the mesh.
+    /// The indices in the mesh of the border vertices.
     vertices: Vec<u32>,
 }
 
-/// The step factors, used alternately, by which a vertex moves towards the midpoint of its two neighbors: Taubin, "A signal processing
-/// approach to fair surface design" (1995). Waves shorter than about eight cells are removed, longer ones stay.
+/// The factors, used alternately, by which a vertex moves towards the midpoint of its two neighbors: Taubin, "A signal processing approach
+/// to fair surface design" (1995). Waves shorter than about eight cells are removed, longer ones stay.
 const FACTORS: [f64; 2] = [0.5, -0.53];
 
-/// The number of faces per parallel task.
+/// The number of faces that one task processes.
 const BLOCK: usize = 8192;
 
-/// The minimum fraction of its area that a face keeps when its border is smoothed.
+/// The minimum fraction of its area that a face keeps when the border of the mesh is smoothed.
 const MIN_AREA_RATIO: f64 = 1e-3;
 
-/// The maximum number of halvings of a vertex's motion. Motions that remain after so many halvings are too small to be visible.
+/// The maximum number of halvings of a vertex's motion. Motions that remain after 32 halvings are too small to be visible.
 const MAX_HALVINGS: usize = 32;
 
 impl Border {
-    /// Finds the borders of `faces`; at most one border passes through each vertex. `may_be` returns true for vertices that can be on a
+    /// Finds the borders of `faces`. At most one border may pass through each vertex. `may_be` returns true for vertices that can be on a
     /// border.
     pub(crate) fn new(faces: &[[u32; 3]], may_be: impl Fn(u32) -> bool) -> Self {
         let mut edges: Vec<[u32; 2]> =
@@ -56,10 +57,10 @@ impl Border {
         Self { neighbors, vertices }
     }
 
-    /// Smooths the borders `rounds` times. This moves the positions of the vertices, and with them their `places`: column and row in a grid
-    /// of `size` = (width, height). No vertex moves by more than one cell, no vertex on the border of the grid moves at all, and none moves
-    /// so far that one of the `faces` loses its area, as could happen around a hole of one cell. Returns the faces that would shrink to a
-    /// point (one or two faces with a border around them), in order; if there are any, nothing is moved.
+    /// Smooths the borders `rounds` times. This moves the positions of the vertices, and their `places`: column and row in a grid of `size`
+    /// = (width, height). No vertex moves by more than one cell, and no vertex on the border of the grid moves. No vertex moves so far that
+    /// one of the `faces` loses its area, as could happen around a hole of one cell. Returns the indices of the faces that would shrink to
+    /// a point (one or two faces with a border around them), ascending; if there are any, no vertex moves.
     pub(crate) fn smooth(
         &self,
         rounds: u32,
@@ -115,8 +116,8 @@ impl Border {
         Vec::new()
     }
 
-    /// Halves the motions of the vertices of faces that would lose their area, until no face does. If there are specks (faces that would
-    /// shrink to a point), returns them instead.
+    /// Halves the motions of the vertices of faces that would lose their area, until none would. If there are specks (components of one or
+    /// two faces, which would shrink to a point), returns their faces instead.
     fn keep_areas(
         &self,
         faces: &[[u32; 3]],
@@ -171,8 +172,8 @@ impl Border {
         Vec::new()
     }
 
-    /// Returns true if all corners of a face are on one border of three or four vertices; the border then surrounds only one or two
-    /// triangles. Corners are indices among the border vertices.
+    /// Returns true if a face belongs to a component of one or two triangles: all its corners are on one border of three or four vertices.
+    /// Corners are indices into `vertices`.
     fn is_speck(&self, corners: [u32; 3]) -> bool {
         let border = std::iter::successors(Some(corners[0]), |index| {
             Some(self.neighbors.get(*index as usize)?[1])

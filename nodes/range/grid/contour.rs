@@ -1,22 +1,23 @@
-//! The borders of a connected part of a grid.
+//! Finds the outer border and the hole borders of a connected part of a grid.
 //!
 //! Border following: Suzuki and Abe, "Topological structural analysis of digitized binary images by border following", Computer Vision,
 //! Graphics, and Image Processing 30 (1985), algorithm 1. Comments refer to the step numbers of that paper.
 
 use maquette_value::Contour;
 
-/// The eight neighbors as (column, row) steps, counter-clockwise in the picture (rows run down), beginning on the right.
+/// The eight neighbors of a cell as (column, row) steps, counter-clockwise in the picture (rows run down), beginning on the right.
 const AROUND: [(isize, isize); 8] =
     [(1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1)];
 const RIGHT: usize = 0;
 const LEFT: usize = 4;
 
-/// Returns the borders of the cells with entry 1 in a `width` x `height` grid. The outer border comes first. The borders of holes follow in
-/// the order in which they are found row by row from the top; a hole is a group of cells with entry 0 that is connected by sides and does
-/// not reach the border of the grid. Seen with y up, the outer border is counter-clockwise and the others are clockwise. A cell can occur
-/// twice in a border where the part is one cell wide.
+/// Returns the borders of the cells whose entry is 1 in a `width` x `height` grid. The outer border comes first. The borders of holes
+/// follow in the order in which they are found row by row from the top. A hole is a group of cells with entry 0 that is connected by sides
+/// and does not reach the border of the grid. Seen with y up, the outer border is counter-clockwise and the others are clockwise. A cell
+/// can occur twice in a border where the part is one cell wide.
 ///
-/// The cells must be connected; otherwise each component has an outer border, and not only the first border is an outer one.
+/// The cells with entry 1 must be connected. Otherwise each component has an outer border, and not only the first border in the result is
+/// an outer one.
 ///
 /// # Panics
 /// Panics if `inside` does not have `width * height` entries.
@@ -43,11 +44,11 @@ pub fn contours(width: usize, height: usize, inside: &[u8]) -> Vec<Contour> {
     contours
 }
 
-/// The grid with a frame of background.
+/// The grid, surrounded by a frame of background cells.
 struct Borders {
     width: usize,
-    /// 0 outside. Inside: first 1, later [`VISITED`], or [`VISITED_RIGHT`] for a cell at which a border passed with background to the
-    /// right.
+    /// For each cell of the grid with its frame: 0 outside the part. Inside it is first 1, later [`VISITED`], or [`VISITED_RIGHT`] if a
+    /// border passed the cell with background to the right of the cell.
     marks: Vec<i8>,
     steps: [isize; 8],
 }
@@ -81,9 +82,9 @@ impl Borders {
         cell.wrapping_add_signed(self.steps[direction])
     }
 
-    /// Follows the border that passes through `start` and has background in the direction `background`: step 3.
+    /// Follows the border that passes through `start` and has background in the direction `background`: step 3 of the paper.
     fn follow(&mut self, start: usize, background: usize) -> Vec<u32> {
-        // Step 3.1: find the cell before the start, clockwise from the background.
+        // Step 3.1: search clockwise from the background for the neighbor that precedes the start on the border.
         let clockwise = (1..8).map(|turn| (background + 8 - turn) % 8);
         let Some(mut from) =
             { clockwise }.find(|direction| self.marks[self.next(start, *direction)] != 0)
@@ -96,8 +97,8 @@ impl Borders {
         let mut cell = start;
         loop {
             cells.push(self.cell_index(cell));
-            // Step 3.3: find the next cell, counter-clockwise from the previous one. If there is no other cell, it is the previous one
-            // itself.
+            // Step 3.3: find the next cell, counter-clockwise from the previous one. If the part has no other cell here, the previous cell
+            // is the next.
             let mut to = (from + 1) % 8;
             let mut right_is_outside = false;
             while self.marks[self.next(cell, to)] == 0 {
@@ -110,7 +111,7 @@ impl Borders {
             } else if self.marks[cell] == 1 {
                 self.marks[cell] = VISITED;
             }
-            // Step 3.5: move on, or stop at the start.
+            // Step 3.5: move to the next cell, or stop at the start.
             let next = self.next(cell, to);
             if next == start && cell == last {
                 return cells;
@@ -135,7 +136,7 @@ mod tests {
         contours.into_iter().map(|contour| (contour.hole, contour.cells)).collect()
     }
 
-    /// Returns twice the area inside a chain of cells, seen with y up; negative if clockwise.
+    /// Returns twice the area enclosed by a chain of cells, seen with y up; negative if the chain is clockwise.
     fn area(cells: &[u32], width: usize) -> i64 {
         fn position(cell: u32, width: usize) -> (i64, i64) {
             (i64::from(cell) % width as i64, -(i64::from(cell) / width as i64))
@@ -187,8 +188,8 @@ mod tests {
             let inside: Vec<u8> = parts.pixels().iter().map(|&part| u8::from(part == largest)).collect();
             let contours = contours(width, height, &inside);
 
-            // The expected holes are the components of the background, within a frame: the first component contains the frame, the others
-            // are the holes.
+            // Find the expected holes by labelling the background, surrounded by a frame. The first component contains the frame, the
+            // others are the holes.
             let (wide, high) = (width + 2, height + 2);
             let label_background = |pixels: &[u8]| {
                 let rest = (0..wide * high).map(|index| {
@@ -214,7 +215,7 @@ mod tests {
                 }
             }
 
-            // The outer border separates the part and its holes from the frame.
+            // The outer border must separate the part and its holes from the frame.
             let mut chain = vec![0; inside.len()];
             contours[0].cells.iter().for_each(|&cell| chain[cell as usize] = 1);
             let components = label_background(&chain);

@@ -1,24 +1,24 @@
 //! Finds the cells of a range grid that a labelled part of the picture covers.
 //!
-//! The footprint of a cell is the rectangle of the picture that extends half a cell to each side of the cell's center, by the registration.
-//! A pixel counts by the fraction of the footprint that it fills.
+//! The footprint of a cell is a rectangle in the picture, given by the registration. It extends half a cell to each side of the cell's
+//! center. A pixel counts by the fraction of the footprint that it fills.
 
 use maquette_value::parallel::*;
 use maquette_value::{Labels, Mask, RangeImage};
 
-/// The footprint of a cell along one axis of the picture.
+/// The footprint of a cell (its rectangle in the picture) along one axis of the picture.
 struct Footprint {
     /// The first pixel that the footprint overlaps.
     first: usize,
-    /// For each overlapped pixel, the fraction of the footprint that it fills, from 0 to 1.
+    /// For each overlapped pixel, the length of the overlap in pixels, from 0 to 1.
     weights: Vec<f64>,
 }
 
-/// One half, less a tolerance for rounding.
+/// One half, minus a tolerance for rounding.
 const HALF: f64 = 0.5 - 1e-9;
 
-/// Returns the cells at least half of whose footprint is covered by the label `number`. A cell outside the picture is outside. The labels
-/// must be those of the range image's picture.
+/// Returns the cells of which at least half of the footprint is covered by the label `number`. Cells beyond the picture are not covered.
+/// The labels must be those of the range image's picture.
 pub(crate) fn covered_cells(labels: &Labels, number: u32, range: &RangeImage) -> Mask {
     let (width, height, map) = (range.width(), range.height(), range.registration());
     let [columns, rows] = [(0, width), (1, height)].map(|(axis, cells)| {
@@ -39,7 +39,7 @@ pub(crate) fn covered_cells(labels: &Labels, number: u32, range: &RangeImage) ->
     Mask::new(width, height, cells).expect("one entry per cell")
 }
 
-/// The pixels of a labelled part within its bounding box.
+/// The pixels of a labelled part of the picture, within the part's bounding box.
 struct Component {
     pixels: Mask,
     low: [usize; 2],
@@ -58,7 +58,7 @@ impl Component {
     }
 }
 
-/// Returns the fraction of a cell's footprint that belongs to the part.
+/// Returns the fraction of a cell's footprint in the picture that belongs to the labelled part.
 fn covered_fraction(part: &Component, column: &Footprint, row: &Footprint) -> f64 {
     let (mut inside, mut total) = (0.0, 0.0);
     for (y, vertical) in (row.first..).zip(&row.weights) {
@@ -72,11 +72,11 @@ fn covered_fraction(part: &Component, column: &Footprint, row: &Footprint) -> f6
 }
 
 impl Footprint {
-    /// Returns the footprint of a cell along an axis with `pixels` pixels.
+    /// Returns the footprint of a cell along an axis on which the picture has `pixels` pixels.
     fn new(cell: usize, scale: f64, offset: f64, pixels: usize) -> Self {
-        // In these coordinates pixel k extends from k to k + 1.
+        // Use coordinates in which pixel k extends from k to k + 1.
         let [low, high] = [-0.5, 0.5].map(|side| scale * (cell as f64 + side) + offset + 0.5);
-        // `clamp` keeps a NaN; `max` and `min` would replace it by a bound, and the cell would cover everything.
+        // Unlike `max` and `min`, `clamp` keeps a NaN. These would replace it by a bound, so that the cell would cover everything.
         let [low, high] = [low, high].map(|end| end.clamp(0.0, pixels as f64));
         let (first, last) =
             if low < high { (low.floor() as usize, high.ceil() as usize) } else { (0, 0) };
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn between_pixels_the_middle_counts_half_and_its_neighbors_a_quarter() {
-        // The second cell covers pixels 1 to 3, in columns and rows, with the weights 1/4, 1/2, 1/4.
+        // The second cell covers pixels 1 to 3 in columns and rows, with the weights 1/4, 1/2 and 1/4.
         fn middle(rows: &[&str]) -> bool {
             &draw_covered(rows, [2, 2], 2.0, 0.0)[4..5] == "#"
         }

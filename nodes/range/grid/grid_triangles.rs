@@ -1,6 +1,6 @@
 //! The triangles between neighboring cells of a range grid, and their orientation.
 //!
-//! Four cells that share a corner make a *quad*; `a` is its upper left cell:
+//! Four cells that share a corner form a *quad*. `a` is the upper left cell of a quad:
 //!
 //! ```text
 //!     a---b        Seen from the sensor (x right, y down, z away) the cells of a triangle follow each other in the order
@@ -12,7 +12,7 @@ use maquette_value::RangeImage;
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
-/// One of the four possible triangles of a quad; two that share a diagonal fill it.
+/// One of the four possible triangles of a quad (four cells that share a corner). Two triangles that share a diagonal fill the quad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Half {
     /// Below the diagonal from a to c.
@@ -25,17 +25,17 @@ pub enum Half {
     Bdc,
 }
 
-/// A triangle between cells of a grid.
+/// A triangle between neighboring cells of a range grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GridTriangle {
-    /// The quad, given by the index of its upper left cell.
+    /// The quad (four cells that share a corner), given by the index of its upper left cell.
     pub quad: u32,
     /// The part of the quad that the triangle fills.
     pub half: Half,
 }
 
 impl Half {
-    /// Returns the bit of the triangle in [`RangeImage::forced_triangles`].
+    /// Returns the bit that stands for the triangle in [`RangeImage::forced_triangles`].
     pub fn bit(self) -> u8 {
         match self {
             Self::Adc => 1 << 0,
@@ -47,7 +47,7 @@ impl Half {
 }
 
 impl GridTriangle {
-    /// Returns the three cells of the triangle, counter-clockwise as seen from the sensor, by index in a grid of the given width.
+    /// Returns the indices of the three cells of the triangle in a grid of the given width, counter-clockwise as seen from the sensor.
     pub fn cells(self, width: usize) -> [usize; 3] {
         let a = self.quad as usize;
         let (b, c, d) = (a + 1, a + width + 1, a + width);
@@ -59,11 +59,13 @@ impl GridTriangle {
         }
     }
 
-    /// Returns the wedges that the triangle fills at each of its cells, in the order of [`cells`](Self::cells). Around a cell there are
-    /// eight wedges. Wedge 0 is between the neighbors to the right and to the lower right; the others follow clockwise as seen on the grid.
+    /// Returns the wedges that the triangle fills at each of its cells, in the order of [`cells`](Self::cells). A wedge is one of eight
+    /// sectors around a cell. Wedge 0 is between the neighbors to the right and to the lower right; the others follow clockwise as seen on
+    /// the grid.
     ///
-    /// Two triangles at one cell share an edge if and only if they have adjacent wedges at the cell: the two wedges of a cell in one quad
-    /// belong to one triangle, or to two that share the diagonal; wedges of two quads are separated by the edge between the quads.
+    /// Two triangles at one cell share an edge if and only if they have adjacent wedges at the cell. The two wedges of a cell in one quad
+    /// belong to one triangle, or to two triangles that share the diagonal. Wedges of different quads are separated by the edge between the
+    /// quads.
     pub fn wedges(self) -> [u8; 3] {
         const A: [u8; 2] = [1 << 0, 1 << 1];
         const B: [u8; 2] = [1 << 2, 1 << 3];
@@ -78,17 +80,17 @@ impl GridTriangle {
     }
 }
 
-/// The maximum ratio of the squared diagonals b-d and a-c for which b-d counts as shorter. Without a margin, rounding would divide the
-/// quads of a plane at random. The margin is far below the resolution of a scan.
+/// The maximum ratio of the squared diagonals b-d and a-c for which b-d counts as shorter. Without this margin, rounding errors would
+/// choose the diagonals of the quads on a plane at random. The margin is far below the resolution of a scan.
 const SHORTER: f64 = 1.0 - 1e-12;
 
 /// Returns the triangles of a `width` x `height` grid that `keep` accepts, row by row from the top. A quad of four cells with points is
-/// divided along its shorter diagonal, or from a to c if both are equally long; but if `joined`, called with the quad's upper left cell,
-/// returns an earlier division, that division is kept. A quad of three points has one triangle. `keep` receives the points in the order of
-/// [`GridTriangle::cells`]; a cell without a point is NaN in x.
+/// divided along its shorter diagonal, or from a to c if both are equally long. An exception is a quad that already has marked triangles:
+/// `joined`, called with the quad's upper left cell, returns their bits, and their diagonal is used. A quad with three points has one
+/// triangle. `keep` receives the points in the order of [`GridTriangle::cells`]. A cell without a point has NaN as x.
 ///
 /// # Panics
-/// Panics if there are more or fewer points than cells.
+/// Panics if the number of points is not the number of cells.
 pub fn grid_triangles(
     width: usize,
     height: usize,
@@ -111,8 +113,8 @@ pub fn grid_triangles(
         .collect()
 }
 
-/// Returns the triangles of the quad whose upper left cell is `quad`, which is not in the last column or row. `joined` is the quad's
-/// earlier division, or 0.
+/// Returns the triangles of the quad whose upper left cell is `quad`; this cell must not be in the last column or row. `joined` has the
+/// bits of the quad's marked triangles, whose diagonal is used; 0 if there are none.
 pub(crate) fn quad_triangles(
     width: usize,
     points: &[Point3<f64>],
@@ -123,7 +125,7 @@ pub(crate) fn quad_triangles(
     halves.into_iter().flatten().map(move |half| GridTriangle { quad: quad as u32, half })
 }
 
-/// Returns the triangles that join the cells a, b, c, d of a quad.
+/// Returns the triangles between those of the cells a, b, c, d of a quad that have points.
 fn halves([a, b, c, d]: [Point3<f64>; 4], joined: u8) -> [Option<Half>; 2] {
     let from_b = Half::Adb.bit() | Half::Bdc.bit();
     match [a, b, c, d].map(|point| !point.x.is_nan()) {
@@ -144,24 +146,24 @@ fn halves([a, b, c, d]: [Point3<f64>; 4], joined: u8) -> [Option<Half>; 2] {
     }
 }
 
-/// Returns twice the area of a triangle as a vector. For a triangle of [`grid_triangles`] that the sensor sees, the vector points towards
-/// the sensor.
+/// Returns the vector area of a triangle times two. For a triangle of [`grid_triangles`] that the sensor sees from the front, the vector
+/// points towards the sensor.
 pub(crate) fn double_area([first, second, third]: [Point3<f64>; 3]) -> Vector3<f64> {
     (second - first).cross(&(third - first))
 }
 
-/// The lines of sight of a sensor.
+/// The lines of sight of a range sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rays {
-    /// Lines of sight are rays from the origin, where the sensor is.
+    /// Lines of sight start at the origin, where the sensor is.
     FromOrigin,
-    /// Rays along z. Used for a grid without a camera that has points at or behind the origin, which then cannot be the position of the
-    /// sensor.
+    /// Lines of sight are parallel to z. Used for a grid without a camera that has points at or behind the origin, so that the sensor
+    /// cannot be at the origin.
     AlongZ,
 }
 
 impl Rays {
-    /// Returns the rays of the sensor that took `range`.
+    /// Returns the lines of sight of the sensor that took `range`.
     pub fn new(range: &RangeImage) -> Self {
         if range.camera().is_none() && range.points().iter().any(|point| point.z <= 0.0) {
             Self::AlongZ
@@ -170,7 +172,7 @@ impl Rays {
         }
     }
 
-    /// Returns a vector along the ray through `point`, away from the sensor.
+    /// Returns a vector along the line of sight through `point`, away from the sensor.
     pub fn direction(self, point: Point3<f64>) -> Vector3<f64> {
         match self {
             Self::FromOrigin => point.coords,
@@ -183,7 +185,7 @@ impl Rays {
 mod tests {
     use super::*;
 
-    /// Returns cells at integer x and y, with the given depths.
+    /// Returns the points of a 2 x 2 grid at integer x and y, with the given depths.
     fn grid(depths: [[f64; 2]; 2]) -> Vec<Point3<f64>> {
         depths
             .into_iter()

@@ -1,8 +1,8 @@
 //! Decides which neighboring cells of a range image are on one surface.
 //!
-//! The tests are heuristics based on distance and slope, and a redesign makes both large on purpose. Therefore `Blend` and `FillRange` mark
-//! the triangles of their surfaces in the range image (`RangeImage::forced_triangles`), and `Triangulate` never removes them. There is one
-//! bit per triangle, not per cell: an ear and a hood are surfaces, but the triangles between them are not.
+//! The tests are heuristics based on distance and slope, and a redesign of the surface makes both large on purpose. Therefore `Blend` and
+//! `FillRange` mark the triangles of their surfaces in the range image (`RangeImage::forced_triangles`), and `Triangulate` never removes
+//! them. There is one bit per triangle, not per cell: an ear and a hood are surfaces, but the triangles between them are not.
 
 use maquette_value::RangeImage;
 use maquette_value::parallel::*;
@@ -24,14 +24,14 @@ pub struct Joins {
     rays: Rays,
 }
 
-/// Returns the maximum edge length of a surface: `jump` times the median distance of valid cells that share a side.
+/// Returns the maximum edge length of triangles on a surface: `jump` times the median distance of valid cells that share a side.
 pub fn longest_edge(range: &RangeImage, jump: f64) -> f64 {
     jump * median_spacing_sq(range).sqrt()
 }
 
 impl Joins {
-    /// Creates a test that accepts triangles whose edges are at most `jump` times as long as the median distance of valid cells that share
-    /// a side, and whose normals make angles of at most `grazing` degrees with the line of sight.
+    /// Creates a test that accepts a triangle if two conditions hold. Its edges are at most `jump` times as long as the median distance of
+    /// valid cells that share a side. Its normal makes an angle of at most `grazing` degrees with the line of sight.
     pub fn new(range: &RangeImage, jump: f64, grazing: f64) -> Self {
         let joins = Self {
             spacing_sq: median_spacing_sq(range),
@@ -42,7 +42,7 @@ impl Joins {
         joins.with_limits(jump, grazing)
     }
 
-    /// Returns the test for the same grid with other limits.
+    /// Returns a test for the same grid with other limits.
     pub fn with_limits(&self, jump: f64, grazing: f64) -> Self {
         Self {
             max_length_sq: jump * jump * self.spacing_sq,
@@ -51,7 +51,7 @@ impl Joins {
         }
     }
 
-    /// Returns true if a triangle is part of a surface, seen from either side.
+    /// Returns true if a triangle is part of a surface rather than a bridge over a step in depth. Front and back are not distinguished.
     pub fn is_on_surface(&self, corners: [Point3<f64>; 3]) -> bool {
         let [a, b, c] = corners;
         let (ray, normal) = (self.rays.direction(middle(corners)), double_area(corners));
@@ -59,7 +59,7 @@ impl Joins {
             && normal.dot(&ray).abs() >= self.min_cosine * normal.norm() * ray.norm()
     }
 
-    /// Returns true if the back of a triangle faces the sensor.
+    /// Returns true if the sensor sees the back of a triangle.
     pub fn faces_away(&self, corners: [Point3<f64>; 3]) -> bool {
         double_area(corners).dot(&self.rays.direction(middle(corners))) > 0.0
     }
@@ -69,11 +69,11 @@ fn middle([a, b, c]: [Point3<f64>; 3]) -> Point3<f64> {
     Point3::from((a.coords + b.coords + c.coords) / 3.0)
 }
 
-/// Returns the squared median distance of valid cells that share a side; of an even number of distances, the upper of the middle two; 0
-/// without such cells.
+/// Returns the squared median distance of valid cells that share a side; 0 if there are no such cells. Of an even number of distances, the
+/// upper of the middle two is the median.
 ///
-/// A list of all distances would be twice as large as the grid, so the grid is read twice: the first pass counts distances by their leading
-/// bits, which have the same order; the second pass collects the distances with the leading bits of the median.
+/// A list of all distances would be twice as large as the grid, so the grid is read twice. The first pass counts the distances by their
+/// leading bits, which sort like the distances. The second pass collects the distances that have the leading bits of the median.
 fn median_spacing_sq(range: &RangeImage) -> f64 {
     let of_parts = rows_of(range).fold_parts(
         || vec![0_u32; 1 << 16],
@@ -107,7 +107,7 @@ fn median_spacing_sq(range: &RangeImage) -> f64 {
     *candidates.select_nth_unstable_by(rank, f64::total_cmp).1
 }
 
-/// Returns the sign, exponent and first four fraction bits of a nonnegative number.
+/// Returns the sign, exponent and first four fraction bits of a nonnegative number: numbers sort in the order of these bits.
 fn bucket(spacing: f64) -> usize {
     (spacing.to_bits() >> 48) as usize
 }
@@ -116,7 +116,7 @@ fn rows_of(range: &RangeImage) -> impl Parallel<Item = usize> {
     (0..range.height()).into_par_iter().with_min_len(64)
 }
 
-/// Calls `each` with the squared distances between the valid cells of a row and their valid neighbors to the right and above.
+/// Calls `each` with the squared distances from the valid cells of a row to their valid neighbors on the right and above.
 fn each_spacing_sq(range: &RangeImage, row: usize, mut each: impl FnMut(f64)) {
     let (width, points) = (range.width(), range.points());
     let cells = &points[row * width..][..width];

@@ -1,4 +1,4 @@
-//! Handles cells of a region without a measured point.
+//! Finds and fills the cells of a region that have no measured point.
 
 use maquette_base::linear::laplace::solve;
 use maquette_image::{Connectivity, label};
@@ -9,8 +9,9 @@ use nalgebra::Point3;
 use super::shadows::{MAX_SHADOW_CELLS, shadows};
 use crate::grid::joins::{JUMP, longest_edge};
 
-/// Returns the cells of `region` that have a point or will get one. With `fill`, invalid cells get one if their component is completely
-/// inside, or in a shadow that the scan surrounds.
+/// Returns the cells of `region` that have a point or will get one. With `fill`, a component of invalid cells gets points if it is
+/// surrounded by cells of the region. An invalid cell also gets a point if it is in a small shadow (cells without a point that the scan
+/// surrounds).
 pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mask {
     let (width, height) = (region.width(), region.height());
     fn mask(pixels: Vec<u8>, width: usize, height: usize) -> Mask {
@@ -26,7 +27,7 @@ pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mas
         holes.statistics().iter().map(|hole| fill && !hole.touches_border).collect();
     for (cell, &hole) in holes.pixels().iter().enumerate().filter(|(_, hole)| **hole != 0) {
         let hole = &mut closed[hole as usize - 1];
-        // A component that still counts as a hole does not touch the border of the grid, so each of its cells has four neighbors.
+        // A component that still counts as closed does not touch the border of the grid, so each of its cells has four neighbors.
         *hole = *hole && [cell - width, cell - 1, cell + 1, cell + width].into_iter().all(inside);
     }
     let mut in_shadow = vec![false; width * height];
@@ -41,19 +42,19 @@ pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mas
     mask(usable.map(u8::from).collect(), width, height)
 }
 
-/// Counts of the cells of the region that are adjacent to an enclosed part.
+/// Counts of adjacent cells along the border between a region and an area that it surrounds.
 #[derive(Clone, Default)]
 struct PartBorder {
-    /// The number of adjacent pairs of cells, one in the region and one in the part, whose points are close to each other.
+    /// The number of adjacent pairs of cells, one in the region and one in the surrounded area, whose points are close to each other.
     n_close: usize,
-    /// The number of all adjacent pairs.
+    /// The number of all adjacent pairs of cells, one in the region and one in the area, including pairs without points.
     n_neighbors: usize,
-    /// True if the part has points.
+    /// True if the surrounded area has points.
     has_points: bool,
 }
 
-/// Adds to the region the parts that it surrounds if they are on its surface: along most of such a part's border, the points on both sides
-/// are close to each other. Parts without a point are shadows on the surface, and are added.
+/// Adds to the region the areas that it surrounds if they are on its surface, that is, if most pairs of adjacent cells across the area's
+/// border have points close to each other. Areas without a point are shadows on the surface, and are added.
 pub(crate) fn with_enclosed(region: &Mask, range: &RangeImage) -> Mask {
     let (width, height) = (region.width(), region.height());
     let rest = region.pixels().iter().map(|&inside| 1 - inside).collect();
@@ -87,10 +88,10 @@ pub(crate) fn with_enclosed(region: &Mask, range: &RangeImage) -> Mask {
     Mask::from_bools(width, height, pixels.collect::<Vec<bool>>()).expect("one entry per cell")
 }
 
-/// Computes the points that are NaN from the other points by Laplace's equation, coordinate by coordinate, inside the bounding box (both
-/// corners included) of `cells` in a grid of the given width.
+/// Computes the points that are NaN from the other points by Laplace's equation, coordinate by coordinate. `low` and `high`, both
+/// inclusive, are the bounding box of `cells` in a grid of the given width.
 ///
-/// Returns an error if the equation cannot be solved, which does not happen for points of normal size.
+/// Returns an error if the equation cannot be solved, which happens only for points that are extremely far away.
 pub(crate) fn fill_points(
     [low, high]: [[usize; 2]; 2],
     width: usize,

@@ -1,5 +1,5 @@
 //! Shadows: cells without a point that the scan surrounds. They appear where a laser's light or its reflection was blocked, and at dark or
-//! shiny spots.
+//! shiny spots of the object.
 
 use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use maquette_image::{Connectivity, label};
@@ -10,11 +10,11 @@ use nalgebra::Point3;
 
 use crate::grid::grid_triangles::quad_triangles;
 
-/// The default maximum number of cells of a shadow that is filled. Larger ones count as gaps in the object.
+/// The default maximum number of cells of a shadow (cells without a point) that is filled. Larger ones count as gaps in the object.
 pub const MAX_SHADOW_CELLS: usize = 1000;
 
 /// Returns the shadows of a grid: the components of cells without a point, connected by sides, each with its cells in raster order.
-/// Components that reach the border of the grid are background.
+/// Components that reach the border of the grid are background and not returned.
 pub(crate) fn shadows(width: usize, height: usize, points: &[Point3<f64>]) -> Vec<Vec<u32>> {
     let empty = points.iter().map(|point| u8::from(point.x.is_nan())).collect();
     let parts = label(&Mask::new(width, height, empty).expect("a cell each"), Connectivity::Four);
@@ -29,7 +29,7 @@ pub(crate) fn shadows(width: usize, height: usize, points: &[Point3<f64>]) -> Ve
     shadows
 }
 
-/// Returns the 3 x 3 neighborhoods of `cells`, none of which is on the border of the grid.
+/// Returns the cells of the 3 x 3 square around each of `cells`, none of which may be on the border of the grid.
 pub fn neighborhood(width: usize, cells: &[u32]) -> impl Iterator<Item = usize> {
     cells.iter().flat_map(move |&cell| {
         let cell = cell as usize;
@@ -37,7 +37,7 @@ pub fn neighborhood(width: usize, cells: &[u32]) -> impl Iterator<Item = usize> 
     })
 }
 
-/// Marks all triangles at `cells`, none of which is on the border of the grid, as parts of the surface.
+/// Marks in `joined` all triangles at `cells` as parts of the surface. None of the cells may be on the border of the grid.
 pub(crate) fn join_around(width: usize, cells: &[u32], points: &[Point3<f64>], joined: &mut [u8]) {
     for &cell in cells {
         let cell = cell as usize;
@@ -51,8 +51,8 @@ pub(crate) fn join_around(width: usize, cells: &[u32], points: &[Point3<f64>], j
     }
 }
 
-/// Fills the shadows of a grid that `wanted` accepts. A shadow stays open if filling it needs an edge longer than `longest`: an object and
-/// its background are not one surface. Returns the filled cells in raster order.
+/// Fills those shadows of a grid (cells without a point, surrounded by the scan) that `wanted` accepts. A shadow stays open if filling it
+/// needs an edge longer than `longest`, because an object and its background are not one surface. Returns the filled cells in raster order.
 ///
 /// Returns an error if the evaluation is cancelled.
 pub fn fill_shadows(
@@ -79,7 +79,7 @@ pub fn fill_shadows(
                 let at = cell as usize;
                 [at - width, at - 1, at + 1, at + width].map(|other| (cell, other))
             });
-            // A shadow without surrounding points still has NaN as points: the comparison is false, and the shadow stays open.
+            // If no points surround a shadow, its points are still NaN. Then the comparison is false, and the shadow stays open.
             edges
                 .map(|(cell, other): (u32, usize)| (points[cell as usize] - points[other]).norm())
                 .all(|edge| edge <= longest)
@@ -93,12 +93,12 @@ pub fn fill_shadows(
     Ok(sorted_cells(&wanted))
 }
 
-/// The weight of stretching relative to bending, at a wavelength of one cell. With it, a wide shadow becomes a membrane between its edges,
-/// and a small pit continues the curvature around it; over about seven cells, both count equally.
+/// The weight of stretching relative to bending, at a wavelength of one cell. With 0.02, both count equally at about seven cells. So a wide
+/// shadow becomes a membrane between its edges, and a small pit continues the curvature around it.
 const TENSION: f64 = 0.02;
 
-/// Fills `cells`, which have no points, with a thin plate under tension through the points around them (Schweikert, "An interpolation curve
-/// using a spline in tension", 1966, extended to surfaces), coordinate by coordinate.
+/// Computes points for `cells`, coordinate by coordinate, as a thin plate under tension through the points around them: Schweikert, "An
+/// interpolation curve using a spline in tension" (1966), extended to surfaces.
 ///
 /// Returns an error if the evaluation is cancelled.
 fn fill(
@@ -125,13 +125,13 @@ fn fill(
     Ok(())
 }
 
-/// A term to be minimized: the square of a weighted sum of cells' points.
+/// A term of the minimized energy: `weight` times the square of a weighted sum of the points of cells.
 struct Term {
     weight: f64,
     parts: Vec<(u32, f64)>,
 }
 
-/// A finite difference: its weight, and the steps in columns and rows from a cell, each with a coefficient.
+/// A finite difference: its weight, and the cells that it combines as steps in columns and rows, each with a coefficient.
 type Difference = (f64, &'static [([i64; 2], f64)]);
 
 /// The second differences, which measure bending, and the first differences, which measure stretching.
@@ -143,7 +143,8 @@ const DIFFERENCES: [Difference; 5] = [
     (TENSION, &[([0, 0], -1.0), ([0, 1], 1.0)]),
 ];
 
-/// Returns the terms of bending and stretching that involve `cells`; terms with other cells without a point are left out.
+/// Returns the terms of bending and stretching that involve `cells`. A term is left out if it involves a cell that has no point and is not
+/// in `cells`.
 fn terms(width: usize, cells: &[u32], points: &[Point3<f64>]) -> Vec<Term> {
     let height = points.len() / width;
     fn is_free(cell: u32, cells: &[u32]) -> bool {
@@ -156,8 +157,8 @@ fn terms(width: usize, cells: &[u32], points: &[Point3<f64>]) -> Vec<Term> {
     for &cell in cells {
         let at = [i64::from(cell) % width as i64, i64::from(cell) / width as i64];
         for (weight, steps) in DIFFERENCES {
-            // A term is created for each position that the free cell can have in the difference. If an earlier cell of the difference is
-            // free, that cell has already created the term.
+            // Create a term for each position that the free cell (one of `cells`) can have in the difference. Skip the term if an earlier
+            // cell of the difference is free, because that cell has created it.
             for own_step in 0..steps.len() {
                 let parts: Option<Vec<(u32, f64)>> = steps
                     .iter()
@@ -179,7 +180,7 @@ fn terms(width: usize, cells: &[u32], points: &[Point3<f64>]) -> Vec<Term> {
     terms
 }
 
-/// Splits the cells into groups that no term connects, and returns each group with its terms.
+/// Divides the cells into groups that no term connects, and returns each group with its terms.
 fn groups(cells: &[u32], terms: &[Term]) -> Vec<(Vec<u32>, Vec<Term>)> {
     fn index(cell: u32, cells: &[u32]) -> Option<usize> {
         cells.binary_search(&cell).ok()
@@ -220,7 +221,7 @@ fn groups(cells: &[u32], terms: &[Term]) -> Vec<(Vec<u32>, Vec<Term>)> {
     groups
 }
 
-/// Returns the points of `cells` that minimize the terms; cells without surrounding points get none.
+/// Returns the points of `cells` that minimize the terms; an empty list if no points surround the cells or the equations have no solution.
 fn solve(
     cells: &[u32],
     terms: &[Term],
@@ -230,7 +231,7 @@ fn solve(
     fn index(cell: u32, cells: &[u32]) -> Option<usize> {
         cells.binary_search(&cell).ok()
     }
-    // Coordinates are relative to a point of the shadow's border; otherwise precision would be lost far from the origin.
+    // Make coordinates relative to a point next to the shadow; otherwise precision would be lost far from the origin.
     let rim =
         terms.iter().flat_map(|term| &term.parts).find(|(cell, _)| index(*cell, cells).is_none());
     let Some(&(origin, _)) = rim else { return Ok(Vec::new()) };
@@ -335,7 +336,7 @@ mod tests {
         }
         let farthest =
             (0..21 * 21).map(|cell| depth_error(cell, &points).abs()).fold(0.0, f64::max);
-        // A flat fill would be off by 0.27 and a membrane by 0.23.
+        // A flat fill would deviate by 0.27 and a membrane by 0.23.
         assert!(0.0 < farthest && farthest < 0.06, "{farthest}");
     }
 

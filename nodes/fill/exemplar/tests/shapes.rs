@@ -1,11 +1,11 @@
-//! Surfaces with a part that is marked as filled.
+//! Test surfaces, a part of which is marked as a fill.
 
 use std::collections::HashMap;
 
 use super::super::spread::Plate;
 use super::*;
 
-/// Orders the vertices so that the missing ones follow the data.
+/// Orders the vertices so that those of the fill (for which `missing` is true) follow the others.
 fn split(
     points: Vec<Point3<f64>>,
     faces: Vec<[u32; 3]>,
@@ -29,7 +29,7 @@ fn split(
     Filling { points, faces, n_data_vertices: data, n_data_faces: kept }
 }
 
-/// Returns the square from -1 to 1 with `side` x `side` vertices at given heights.
+/// Returns the square from -1 to 1 in x and y, with `side` x `side` vertices at the given heights.
 pub(super) fn grid(
     side: u32,
     missing: impl Fn(f64, f64) -> bool,
@@ -60,7 +60,7 @@ pub(super) fn ridge(x: f64) -> f64 {
     0.2 * libm::exp(-(x / 0.3) * (x / 0.3))
 }
 
-/// Returns the unit sphere: an icosahedron whose faces are divided into four `times` times.
+/// Returns the unit sphere: an icosahedron whose faces are divided into four, `times` times.
 pub(super) fn sphere(times: usize, missing: impl Fn(&Point3<f64>) -> bool) -> Filling {
     let golden = (1.0 + 5.0_f64.sqrt()) / 2.0;
     let mut points = Vec::new();
@@ -113,12 +113,12 @@ pub(super) fn sphere(times: usize, missing: impl Fn(&Point3<f64>) -> bool) -> Fi
     split(points.into_iter().map(Point3::from).collect(), faces, missing)
 }
 
-/// Moves the missing part to a thin plate.
+/// Moves the vertices of the fill to a thin plate.
 pub(super) fn plate(filling: &mut Filling) {
     let Filling { points, faces, n_data_vertices: data, .. } = filling;
     let surface = Surface::new(points.len(), faces);
     let plate = Plate::new(&surface, points.len(), *data, |_| 0.0).unwrap();
-    // The displacement is chosen such that the Laplacians vanish.
+    // Choose the displacement such that the Laplacians vanish.
     let rows: Vec<Vector3<f64>> = (0..points.len())
         .map(|vertex: usize| {
             let spokes = surface
