@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use thiserror::Error;
 
+use super::content::Content;
 use super::{
     Column, DecodeError, Decoder, ElementKind, Encoder, Items, Meaning, Part, PartsError, Rgb,
 };
@@ -260,12 +261,10 @@ impl Attributes {
     pub(super) fn remove(&mut self, name: &str) {
         self.0.remove(name);
     }
+}
 
-    pub(super) fn size(&self) -> usize {
-        self.0.values().map(Attribute::size).sum()
-    }
-
-    pub(super) fn encode(&self, to: &mut Encoder) {
+impl Content for Attributes {
+    fn encode(&self, to: &mut Encoder) {
         to.counts(&[self.0.len()]);
         for (name, attribute) in &self.0 {
             to.text(name);
@@ -273,9 +272,13 @@ impl Attributes {
         }
     }
 
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         let [count] = from.counts()?;
         let attributes = (0..count).map(|_| Ok((from.text()?, Attribute::decode(from)?)));
         Ok(Self(attributes.collect::<Result<_, _>>()?))
+    }
+
+    fn size(&self) -> usize {
+        self.0.values().map(Attribute::size).sum()
     }
 }

@@ -3,9 +3,8 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{
-    CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Summary, Value,
-};
+use super::content::{Content, content_of_fields};
+use super::{CaptureFrame, Column, Layer, Parts, PartsError, Summary, Value};
 
 mod parts;
 
@@ -69,6 +68,10 @@ pub struct Chart {
     pub cells: Column<u32>,
     /// The net coordinate of each entry of `cells`.
     pub coordinates: Column<[f64; 2]>,
+}
+
+impl Content for Chart {
+    content_of_fields!(grid, cells, coordinates);
 }
 
 /// A rectangular net of control points: rows along u, columns along v.
@@ -241,43 +244,7 @@ impl ControlNet {
 impl Value for ControlNet {
     const NAME: &'static str = "ControlNet";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.rows, self.columns])
-            .column(&self.points)
-            .column(&self.base)
-            .column(&self.weights)
-            .column(&self.fixed)
-            .option(self.chart.as_ref(), |to, chart| {
-                to.counts(&chart.grid).column(&chart.cells).column(&chart.coordinates);
-            })
-            .option(self.frame.as_ref(), |to, frame| frame.encode(to));
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [rows, columns] = from.counts()?;
-        Ok(Self {
-            rows,
-            columns,
-            points: from.column()?,
-            base: from.column()?,
-            weights: from.column()?,
-            fixed: from.column()?,
-            chart: from.option(|from| {
-                let grid = from.counts()?;
-                Ok(Chart { grid, cells: from.column()?, coordinates: from.column()? })
-            })?,
-            frame: from.option(CaptureFrame::decode)?,
-        })
-    }
-
-    fn size(&self) -> usize {
-        let chart = self.chart.as_ref();
-        self.points.size()
-            + self.base.size()
-            + self.weights.size()
-            + self.fixed.size()
-            + chart.map_or(0, |chart| chart.cells.size() + chart.coordinates.size())
-    }
+    content_of_fields!(rows, columns, points, base, weights, fixed, chart, frame);
 
     fn describe(&self) -> Summary {
         let moved = self.points.iter().zip(&*self.base).filter(|(point, base)| point != base);

@@ -3,10 +3,11 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
+use super::content::{Content, content_of_fields};
 use super::edge_cases::point_sets;
 use super::{
-    Axes, Column, DecodeError, Decoder, ElementKind, Encoder, FactValue, KnotVector, Layer, Lines,
-    Meaning, Parts, PartsError, Summary, Value,
+    Axes, Column, ElementKind, FactValue, KnotVector, Layer, Lines, Meaning, Parts, PartsError,
+    Summary, Value,
 };
 
 mod closest;
@@ -75,6 +76,10 @@ pub struct Curve {
 struct Spline {
     knots: KnotVector,
     weights: Column<f64>,
+}
+
+impl Content for Spline {
+    content_of_fields!(knots, weights);
 }
 
 /// The maximum gap between the two ends of a closed B-spline, as a fraction of the diagonal of the control points' bounding box. It allows
@@ -191,27 +196,7 @@ fn check_finite(points: &[Point3<f64>]) -> Result<(), CurveError> {
 impl Value for Curve {
     const NAME: &'static str = "Curve";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.column(&self.points).plain(&u8::from(self.closed)).option(
-            self.spline.as_ref(),
-            |to, spline| {
-                to.value(&spline.knots).column(&spline.weights);
-            },
-        );
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let points = from.column()?;
-        let closed = from.plain::<u8>()? == 1;
-        let spline =
-            from.option(|from| Ok(Spline { knots: from.value()?, weights: from.column()? }))?;
-        Ok(Self { points, closed, spline })
-    }
-
-    fn size(&self) -> usize {
-        let spline = self.spline.as_ref();
-        self.points.size() + spline.map_or(0, |spline| spline.knots.size() + spline.weights.size())
-    }
+    content_of_fields!(points, closed, spline);
 
     fn describe(&self) -> Summary {
         let kind = if self.spline.is_some() { "rational B-spline" } else { "polyline" };

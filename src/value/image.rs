@@ -8,9 +8,9 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use thiserror::Error;
 
+use super::content::content_of_fields;
 use super::{
-    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Pinhole, Property,
-    Summary, Value, Violation, Wrap,
+    Column, Layer, Mesh, Parts, PartsError, Pinhole, Property, Summary, Value, Violation, Wrap,
 };
 
 mod parts;
@@ -142,17 +142,7 @@ impl Image {
 impl Value for Image {
     const NAME: &'static str = "Image";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.width, self.height])
-            .column(&self.pixels)
-            .option(self.camera.as_ref(), |to, camera| camera.encode(to));
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [width, height] = from.counts()?;
-        let pixels = from.column()?;
-        Ok(Self { width, height, pixels, camera: from.option(Pinhole::decode)? })
-    }
+    content_of_fields!(width, height, pixels, camera);
 
     fn properties() -> &'static [Property<Self>] {
         const PROPERTIES: &[Property<Image>] =
@@ -160,10 +150,6 @@ impl Value for Image {
                 value.pixels().is_empty().then(|| Violation::lack_of("pixels"))
             })];
         PROPERTIES
-    }
-
-    fn size(&self) -> usize {
-        self.pixels.size()
     }
 
     fn describe(&self) -> Summary {

@@ -2,10 +2,8 @@
 
 use thiserror::Error;
 
-use super::{
-    Column, DecodeError, Decoder, ElementKind, Encoder, Layer, Meaning, Parts, PartsError, Series,
-    Summary, Value,
-};
+use super::content::content_of_fields;
+use super::{Column, ElementKind, Layer, Meaning, Parts, PartsError, Series, Summary, Value};
 
 mod basis;
 mod change;
@@ -159,18 +157,7 @@ impl KnotVector {
 impl Value for KnotVector {
     const NAME: &'static str = "KnotVector";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.degree]).column(&self.knots);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [degree] = from.counts()?;
-        Ok(Self { degree, knots: from.column()? })
-    }
-
-    fn size(&self) -> usize {
-        self.knots.size()
-    }
+    content_of_fields!(degree, knots);
 
     fn describe(&self) -> Summary {
         Summary::default()

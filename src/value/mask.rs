@@ -1,10 +1,11 @@
 //! Masks: sets of pixels.
 
+use super::content::content_of_fields;
 use super::edge_cases::SIZES;
 use super::image::{SizeError, check_size};
 use super::{
-    Column, DecodeError, Decoder, ElementKind, Encoder, Image, Layer, Meaning, Mesh, Parts,
-    PartsError, Picture, Property, Rgb, Summary, Value, Violation,
+    Column, ElementKind, Image, Layer, Meaning, Mesh, Parts, PartsError, Picture, Property, Rgb,
+    Summary, Value, Violation,
 };
 use crate::parallel::*;
 
@@ -98,14 +99,7 @@ impl Mask {
 impl Value for Mask {
     const NAME: &'static str = "Mask";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.width, self.height]).column(&self.pixels);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [width, height] = from.counts()?;
-        Ok(Self { width, height, pixels: from.column()? })
-    }
+    content_of_fields!(width, height, pixels);
 
     fn properties() -> &'static [Property<Self>] {
         const PROPERTIES: &[Property<Mask>] =
@@ -113,10 +107,6 @@ impl Value for Mask {
                 value.is_empty().then(|| Violation::lack_of("pixel inside"))
             })];
         PROPERTIES
-    }
-
-    fn size(&self) -> usize {
-        self.pixels.size()
     }
 
     fn describe(&self) -> Summary {

@@ -3,11 +3,11 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
+use super::content::content_of_fields;
 use super::edge_cases::point_sets;
 use super::{
-    AnyValue, Attribute, AttributeError, Attributes, Axes, Cloud, Column, DecodeError, Decoder,
-    ElementKind, Elements, Encoder, Layer, Meaning, NoElements, Parts, PartsError, Property,
-    Summary, Value, Violation, value_type,
+    AnyValue, Attribute, AttributeError, Attributes, Axes, Cloud, Column, ElementKind, Elements,
+    Layer, Meaning, NoElements, Parts, PartsError, Property, Summary, Value, Violation, value_type,
 };
 use crate::parallel::*;
 
@@ -100,14 +100,7 @@ impl Points {
 impl Value for Points {
     const NAME: &'static str = "Points";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.column(&self.positions);
-        self.attributes.encode(to);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        Ok(Self { positions: from.column()?, attributes: Attributes::decode(from)? })
-    }
+    content_of_fields!(positions, attributes);
 
     fn properties() -> &'static [Property<Self>] {
         const PROPERTIES: &[Property<Points>] =
@@ -115,10 +108,6 @@ impl Value for Points {
                 value.positions().is_empty().then(|| Violation::lack_of("points"))
             })];
         PROPERTIES
-    }
-
-    fn size(&self) -> usize {
-        self.positions.size() + self.attributes.size()
     }
 
     fn describe(&self) -> Summary {

@@ -3,11 +3,11 @@
 use nalgebra::{Matrix4, Point3};
 use thiserror::Error;
 
-use super::frame::{decode_pose, encode_pose};
+use super::content::content_of_fields;
 use super::image::{SizeError, check_size};
 use super::{
-    CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Pinhole,
-    Property, Registration, Rgb, Summary, Value, Violation,
+    CaptureFrame, Column, Layer, Mesh, Parts, PartsError, Pinhole, Property, Registration, Rgb,
+    Summary, Value, Violation,
 };
 use crate::parallel::*;
 
@@ -233,31 +233,17 @@ fn without_half_points(points: &mut [Point3<f64>]) {
 impl Value for RangeImage {
     const NAME: &'static str = "RangeImage";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.width, self.height])
-            .column(&self.points)
-            .column(&self.filled)
-            .column(&self.joined)
-            .column(&self.colors)
-            .option(self.camera.as_ref(), |to, camera| camera.encode(to))
-            .option(self.world_from_camera.as_ref(), encode_pose);
-        self.registration.encode(to);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [width, height] = from.counts()?;
-        Ok(Self {
-            width,
-            height,
-            points: from.column()?,
-            filled: from.column()?,
-            joined: from.column()?,
-            colors: from.column()?,
-            camera: from.option(Pinhole::decode)?,
-            world_from_camera: from.option(decode_pose)?,
-            registration: Registration::decode(from)?,
-        })
-    }
+    content_of_fields!(
+        width,
+        height,
+        points,
+        filled,
+        joined,
+        colors,
+        camera,
+        world_from_camera,
+        registration
+    );
 
     fn properties() -> &'static [Property<Self>] {
         const PROPERTIES: &[Property<RangeImage>] =
@@ -265,10 +251,6 @@ impl Value for RangeImage {
                 (value.n_valid() == 0).then(|| Violation::lack_of("cell with a point"))
             })];
         PROPERTIES
-    }
-
-    fn size(&self) -> usize {
-        self.points.size() + self.filled.size() + self.joined.size() + self.colors.size()
     }
 
     fn describe(&self) -> Summary {

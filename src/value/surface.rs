@@ -4,10 +4,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::content::content_of_fields;
 use super::edge_cases::point_sets;
-use super::{
-    ControlNet, DecodeError, Decoder, Encoder, KnotVector, Layer, Parts, PartsError, Summary, Value,
-};
+use super::{ControlNet, KnotVector, Layer, Parts, PartsError, Summary, Value};
 
 mod adaptive;
 mod change;
@@ -115,17 +114,7 @@ impl Surface {
 impl Value for Surface {
     const NAME: &'static str = "Surface";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.value(&self.net).value(&self.u).value(&self.v);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        Ok(Self { net: from.value()?, u: from.value()?, v: from.value()? })
-    }
-
-    fn size(&self) -> usize {
-        self.net.size() + self.u.size() + self.v.size()
-    }
+    content_of_fields!(net, u, v);
 
     fn describe(&self) -> Summary {
         fn domain(knots: &KnotVector) -> String {

@@ -9,8 +9,9 @@ use nalgebra::{Point3, Vector3};
 
 use super::{BLOCK, Mesh, bounds};
 use crate::column::WeakColumn;
+use crate::content::Content;
 use crate::parallel::*;
-use crate::{Column, Encoder, Hash, Material, Rgb, material};
+use crate::{Column, DecodeError, Decoder, Encoder, Hash, Material, Rgb};
 
 mod face_bins;
 mod update;
@@ -104,6 +105,15 @@ impl PartialEq for DerivedData {
     }
 }
 
+/// Nothing is written, because the caches can be computed again.
+impl Content for DerivedData {
+    fn encode(&self, _: &mut Encoder) {}
+
+    fn decode(_: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self::default())
+    }
+}
+
 impl fmt::Debug for DerivedData {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("..")
@@ -144,7 +154,7 @@ impl Mesh {
         let uv = vertex.or(corner).filter(|_| is_shown)?;
         let by_corner = vertex.is_none() || faces.is_some();
         let hash_of_inputs = Encoder::hash("texture colors", |to| {
-            material::encode(&self.materials, to.plain(&u8::from(vertex.is_some())).column(uv));
+            self.materials.encode(to.plain(&u8::from(vertex.is_some())).column(uv));
             if by_corner {
                 self.faces.encode(to);
             }

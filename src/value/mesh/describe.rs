@@ -1,52 +1,17 @@
 //! The implementation of `Value` for meshes.
 
-use super::super::material;
-use super::super::{
-    Attributes, CaptureFrame, DecodeError, Decoder, Elements, Encoder, Layer, Parts, PartsError,
-    Property, Summary, Value,
-};
+use super::super::{Attributes, Elements, Layer, Parts, PartsError, Property, Summary, Value};
 use super::properties::PROPERTIES;
-use super::{DerivedData, Faces, Mesh, describe_bounds, parts};
+use super::{Mesh, describe_bounds, parts};
+use crate::content::content_of_fields;
 
 impl Value for Mesh {
     const NAME: &'static str = "Mesh";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.column(&self.positions);
-        self.faces.encode(to);
-        self.vertex.encode(to);
-        self.corner.encode(to);
-        self.face.encode(to);
-        material::encode(&self.materials, to.column(&self.creases));
-        to.option(self.frame.as_ref(), |to, frame| frame.encode(to));
-    }
+    content_of_fields!(positions, faces, vertex, corner, face, creases, materials, frame, derived);
 
     fn properties() -> &'static [Property<Self>] {
         PROPERTIES
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        Ok(Self {
-            positions: from.column()?,
-            faces: Faces::decode(from)?,
-            vertex: Attributes::decode(from)?,
-            corner: Attributes::decode(from)?,
-            face: Attributes::decode(from)?,
-            creases: from.column()?,
-            materials: material::decode(from)?.into(),
-            frame: from.option(CaptureFrame::decode)?,
-            derived: DerivedData::default(),
-        })
-    }
-
-    fn size(&self) -> usize {
-        self.positions.size()
-            + self.faces.size()
-            + self.vertex.size()
-            + self.corner.size()
-            + self.face.size()
-            + self.creases.size()
-            + material::size(&self.materials)
     }
 
     fn describe(&self) -> Summary {

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::{Attribute, Mesh};
+use crate::content::Content;
 use crate::{Encoder, Hash};
 
 /// The rows of vertices in which a mesh differs from an earlier mesh, in ascending order and disjoint.

@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use super::derived::FaceBins;
 use super::{BLOCK, MeshError, check_count};
+use crate::content::Content;
 use crate::memory::huge_vec;
 use crate::parallel::*;
 use crate::{Column, DecodeError, Decoder, Encoder};
@@ -244,19 +245,21 @@ impl Faces {
             to.column(starts);
         });
     }
+}
 
-    /// Reads what [`Faces::encode`] wrote, for types that contain faces.
-    ///
-    /// # Errors
-    /// If the content is not what `encode` writes.
-    pub fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+impl Content for Faces {
+    fn encode(&self, to: &mut Encoder) {
+        self.encode(to);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         let corners = from.column()?;
         let [sides] = from.counts()?;
         let shape = from.option(Decoder::column)?.map_or(Shape::Uniform(sides), Shape::Mixed);
         Ok(Self::new(corners, shape))
     }
 
-    pub(super) fn size(&self) -> usize {
+    fn size(&self) -> usize {
         self.corners.size()
             + match &self.shape {
                 Shape::Uniform(_) => 0,

@@ -1,14 +1,17 @@
 //! The parts of a mesh.
 
+use std::sync::Arc;
+
 use nalgebra::Point3;
 
 use super::{Faces, Mesh};
 use crate::Hash;
+use crate::content::Content;
 use crate::edge_cases::point_sets;
 use crate::frame::counts;
 use crate::{
     Attribute, CaptureFrame, Decoder, ElementKind, Encoder, Image, Layer, Material, Meaning, Part,
-    Parts, PartsError, Pinhole, material,
+    Parts, PartsError, Pinhole,
 };
 
 /// The prefixes of the names of corner and face attributes. Vertex attributes have no prefix.
@@ -34,7 +37,7 @@ pub(super) fn parts(mesh: &Mesh) -> Parts<'_> {
     );
     parts.fact("texture", mesh.texture().map_or_else(|| "none".to_owned(), in_words));
     if let Some(names) = names(&mesh.materials) {
-        let hash = Hash::compute(&Encoder::bytes(|to| material::encode(&mesh.materials, to)));
+        let hash = Hash::compute(&Encoder::bytes(|to| mesh.materials.encode(to)));
         parts.fact("materials", format!("{names}, {}", hash.short()));
     }
     if let Some(frame) = &mesh.frame {
@@ -71,7 +74,7 @@ pub(super) fn parts(mesh: &Mesh) -> Parts<'_> {
         }
     }
     if names(&mesh.materials).is_some() {
-        let bytes = Encoder::bytes(|to| material::encode(&mesh.materials, to));
+        let bytes = Encoder::bytes(|to| mesh.materials.encode(to));
         parts.push_hidden(MATERIALS, ElementKind::Whole, Meaning::Exact, bytes.len(), bytes);
     }
     parts
@@ -144,7 +147,7 @@ pub(super) fn made_of(parts: &Parts<'_>) -> Result<Mesh, PartsError> {
     let mesh = match parts.find(ElementKind::Whole, MATERIALS) {
         Some(part) => {
             let bytes = part.with_width(part.items.len())?.to_u8(u8::MAX)?;
-            let materials = Decoder::of_bytes(&bytes, material::decode);
+            let materials = Decoder::of_bytes(&bytes, Arc::decode);
             let mesh = mesh.with_materials(materials.map_err(PartsError::from_error)?);
             if mesh.texture() != texture(parts)?.as_ref() {
                 return Err(PartsError::from_error(OtherTexture));
