@@ -21,7 +21,7 @@ pub(crate) trait Content: Sized {
 
 /// Implements `encode`, `decode` and `size` for a struct whose content is its fields in the given order.
 macro_rules! content_of_fields {
-    ($($field:ident),+) => {
+    ($($field:ident)+) => {
         fn encode(&self, to: &mut $crate::Encoder) {
             $($crate::content::Content::encode(&self.$field, to);)+
         }

@@ -4,9 +4,9 @@ use nalgebra::Point3;
 use thiserror::Error;
 
 use super::content::{Content, content_of_fields};
-use super::{CaptureFrame, Column, Layer, Parts, PartsError, Summary, Value};
+use super::{CaptureFrame, Column};
 
-mod parts;
+mod value;
 
 /// Error of building a control net.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -71,7 +71,7 @@ pub struct Chart {
 }
 
 impl Content for Chart {
-    content_of_fields!(grid, cells, coordinates);
+    content_of_fields! { grid cells coordinates }
 }
 
 /// A rectangular net of control points: rows along u, columns along v.
@@ -238,39 +238,6 @@ impl ControlNet {
     /// up.
     pub fn frame(&self) -> Option<&CaptureFrame> {
         self.frame.as_ref()
-    }
-}
-
-impl Value for ControlNet {
-    const NAME: &'static str = "ControlNet";
-
-    content_of_fields!(rows, columns, points, base, weights, fixed, chart, frame);
-
-    fn describe(&self) -> Summary {
-        let moved = self.points.iter().zip(&*self.base).filter(|(point, base)| point != base);
-        let farthest = moved.clone().map(|(point, base)| (point - base).norm()).fold(0.0, f64::max);
-        let summary = Summary::default()
-            .with_fact("net", format!("{} rows x {} columns", self.rows, self.columns))
-            .with_fact("fixed", self.fixed.iter().filter(|&&fixed| fixed == 1).count())
-            .with_fact("moved", moved.count())
-            .with_fact("farthest move", farthest);
-        super::mesh::describe_bounds(summary, self.points.iter())
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        parts::parts(self)
-    }
-
-    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        parts::made_of(parts)
-    }
-
-    fn show(&self) -> Vec<Layer> {
-        parts::show(self)
-    }
-
-    fn edge_cases() -> Vec<Self> {
-        parts::edge_cases()
     }
 }
 

@@ -79,7 +79,7 @@ struct Spline {
 }
 
 impl Content for Spline {
-    content_of_fields!(knots, weights);
+    content_of_fields! { knots weights }
 }
 
 /// The maximum gap between the two ends of a closed B-spline, as a fraction of the diagonal of the control points' bounding box. It allows
@@ -196,7 +196,7 @@ fn check_finite(points: &[Point3<f64>]) -> Result<(), CurveError> {
 impl Value for Curve {
     const NAME: &'static str = "Curve";
 
-    content_of_fields!(points, closed, spline);
+    content_of_fields! { points closed spline }
 
     fn describe(&self) -> Summary {
         let kind = if self.spline.is_some() { "rational B-spline" } else { "polyline" };

@@ -1,7 +1,7 @@
 //! A number per pixel.
 
 use super::content::content_of_fields;
-use super::edge_cases::SIZES;
+use super::edge_cases::uniform_pictures;
 use super::image::{SizeError, check_size};
 use super::{
     Column, ElementKind, Image, Items, Layer, Meaning, Mesh, Parts, PartsError, Picture, Rgb,
@@ -60,7 +60,7 @@ impl Field {
 impl Value for Field {
     const NAME: &'static str = "Field";
 
-    content_of_fields!(width, height, pixels);
+    content_of_fields! { width height pixels }
 
     fn describe(&self) -> Summary {
         let summary =
@@ -112,10 +112,6 @@ impl Value for Field {
     }
 
     fn edge_cases() -> Vec<Self> {
-        let fields = SIZES.into_iter().flat_map(|[width, height]| {
-            [f32::NAN, f32::INFINITY, 0.0, 1e38]
-                .map(|x| Self::new(width, height, vec![x; width * height]))
-        });
-        fields.flatten().collect()
+        uniform_pictures(&[f32::NAN, f32::INFINITY, 0.0, 1e38], Self::new)
     }
 }

@@ -57,7 +57,7 @@ impl Pinhole {
 }
 
 impl Content for Pinhole {
-    content_of_fields!(focal, center);
+    content_of_fields! { focal center }
 }
 
 /// The map from a range grid to the picture taken with it. Columns and rows are mapped separately by pixel = `scale * cell + offset`; the
@@ -114,7 +114,7 @@ impl Registration {
 }
 
 impl Content for Registration {
-    content_of_fields!(scale, offset, picture);
+    content_of_fields! { scale offset picture }
 }
 
 /// The frame of a mesh that was made from a capture. Its axes are those of [`Pinhole`]: x right, y down, z away from the sensor.
@@ -164,7 +164,7 @@ impl CaptureFrame {
 }
 
 impl Content for CaptureFrame {
-    content_of_fields!(camera, picture, depth, world_from_camera);
+    content_of_fields! { camera picture depth world_from_camera }
 }
 
 /// The name of the part that holds the pose of the frame in the world.

@@ -230,7 +230,7 @@ fn check(handle: usize, given: &Handle) -> Result<(), HandlesError> {
 impl Value for Handles {
     const NAME: &'static str = "Handles";
 
-    content_of_fields!(space, at, to, sigma, weight);
+    content_of_fields! { space at to sigma weight }
 
     fn describe(&self) -> Summary {
         let moved = self.at.iter().zip(self.to.iter()).filter(|(at, to)| at != to);

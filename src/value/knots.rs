@@ -157,7 +157,7 @@ impl KnotVector {
 impl Value for KnotVector {
     const NAME: &'static str = "KnotVector";
 
-    content_of_fields!(degree, knots);
+    content_of_fields! { degree knots }
 
     fn describe(&self) -> Summary {
         Summary::default()

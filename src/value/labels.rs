@@ -6,15 +6,12 @@ use std::sync::Arc;
 use thiserror::Error;
 
 use super::image::{SizeError, check_size};
-use super::{
-    Column, DecodeError, Decoder, Elements, Encoder, Layer, Mask, Mesh, Parts, PartsError,
-    Property, Summary, Value, Violation, value_type,
-};
+use super::{Column, Mask};
 use crate::memory::huge_vec;
 use crate::parallel::*;
 
 mod elements;
-mod parts;
+mod value;
 
 use elements::Component;
 
@@ -276,90 +273,6 @@ fn statistics(width: usize, height: usize, runs: &[LabelRun]) -> Vec<LabelStatis
             || component.high[1] + 1 == height;
     }
     statistics
-}
-
-impl Value for Labels {
-    const NAME: &'static str = "Labels";
-
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.width, self.height]);
-        match &self.pixels {
-            Pixels::All(pixels) => to.column(pixels),
-            Pixels::Component(component) => {
-                to.column_of_hash(component.hash(), || component.pixels().clone())
-            }
-        };
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [width, height] = from.counts()?;
-        let pixels: Column<u32> = from.column()?;
-        let statistics = statistics(width, height, &runs_of(width, &pixels));
-        Ok(Self { width, height, pixels: Pixels::All(pixels), statistics })
-    }
-
-    fn properties() -> &'static [Property<Self>] {
-        const PROPERTIES: &[Property<Labels>] =
-            &[Property::new("NonEmpty", "There is a labelled component.", |value| {
-                value.statistics().is_empty().then(|| Violation::lack_of("label"))
-            })];
-        PROPERTIES
-    }
-
-    fn size(&self) -> usize {
-        let pixels = match &self.pixels {
-            Pixels::All(pixels) => pixels.size(),
-            Pixels::Component(component) => component.size(),
-        };
-        pixels + size_of_val(&self.statistics[..])
-    }
-
-    fn describe(&self) -> Summary {
-        let summary = Summary::default()
-            .with_fact("size", format!("{} x {}", self.width, self.height))
-            .with_fact("components", self.statistics.len());
-        self.by_area().into_iter().take(8).fold(summary, |summary, label| {
-            let component = &self.statistics[label as usize - 1];
-            let ([left, top], [right, bottom]) = (component.low, component.high);
-            let [x, y] = component.centroid;
-            let fact = format!(
-                "{} pixels in ({left}, {top})-({right}, {bottom}), center ({x:.1}, {y:.1})",
-                component.area
-            );
-            summary.with_fact(&format!("label {label}"), fact)
-        })
-    }
-
-    fn probe(&self, at: [usize; 2]) -> Summary {
-        Summary::default().with_fact("label", self.label(at))
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        parts::parts(self)
-    }
-
-    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        parts::made_of(parts)
-    }
-
-    /// Splits labels into components: for each component, labels of the whole picture in which that component has the label 1 and all else
-    /// is background.
-    fn elements() -> Vec<Elements<Self>> {
-        let kind = value_type::<Self>();
-        vec![Elements { word: "", name: "components", kind, cut: elements::cut }]
-    }
-
-    fn show(&self) -> Vec<Layer> {
-        parts::show(self)
-    }
-
-    fn as_mesh(&self) -> Option<Mesh> {
-        None
-    }
-
-    fn edge_cases() -> Vec<Self> {
-        parts::edge_cases()
-    }
 }
 
 #[cfg(test)]

@@ -100,14 +100,14 @@ impl Points {
 impl Value for Points {
     const NAME: &'static str = "Points";
 
-    content_of_fields!(positions, attributes);
+    content_of_fields! { positions attributes }
 
     fn properties() -> &'static [Property<Self>] {
-        const PROPERTIES: &[Property<Points>] =
-            &[Property::new("NonEmpty", "There are points.", |value| {
+        const {
+            &[Property::new("NonEmpty", "There are points.", |value: &Self| {
                 value.positions().is_empty().then(|| Violation::lack_of("points"))
-            })];
-        PROPERTIES
+            })]
+        }
     }
 
     fn describe(&self) -> Summary {

@@ -3,11 +3,9 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{
-    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Summary, Value,
-};
+use super::Column;
 
-mod parts;
+mod value;
 
 /// Error of building a region.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -156,70 +154,6 @@ impl Region {
             let at = [cell as usize % self.width, cell as usize / self.width];
             ([0, 1].map(|k| low[k].min(at[k])), [0, 1].map(|k| high[k].max(at[k])))
         })
-    }
-}
-
-impl Value for Region {
-    const NAME: &'static str = "Region";
-
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.width, self.height, self.contours.len()])
-            .column(&self.cells)
-            .column(&self.points)
-            .column(&self.filled);
-        for contour in &self.contours {
-            to.plain(&u8::from(contour.hole)).column(&Column::from(contour.cells.clone()));
-        }
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [width, height, contours] = from.counts()?;
-        let (cells, points, filled) = (from.column()?, from.column()?, from.column()?);
-        let contours = (0..contours)
-            .map(|_| {
-                let hole = from.plain::<u8>()? == 1;
-                Ok(Contour { hole, cells: from.column::<u32>()?.to_vec() })
-            })
-            .collect::<Result<_, _>>()?;
-        Ok(Self { width, height, cells, points, filled, contours })
-    }
-
-    fn size(&self) -> usize {
-        let contours: usize = self.contours.iter().map(|contour| 4 * contour.cells.len()).sum();
-        self.cells.size() + self.points.size() + self.filled.size() + contours
-    }
-
-    fn describe(&self) -> Summary {
-        let ([left, top], [right, bottom]) = self.bounds();
-        let filled = self.filled.iter().filter(|&&filled| filled == 1).count();
-        let holes = self.contours.iter().filter(|contour| contour.hole).count();
-        let summary = Summary::default()
-            .with_fact("grid", format!("{} x {}", self.width, self.height))
-            .with_fact("cells", self.cells.len())
-            .with_fact("filled", filled)
-            .with_fact("box", format!("({left}, {top})-({right}, {bottom})"))
-            .with_fact("holes", holes);
-        super::mesh::describe_bounds(summary, self.points.iter())
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        parts::parts(self)
-    }
-
-    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        parts::made_of(parts)
-    }
-
-    fn show(&self) -> Vec<Layer> {
-        parts::show(self)
-    }
-
-    fn as_mesh(&self) -> Option<Mesh> {
-        None
-    }
-
-    fn edge_cases() -> Vec<Self> {
-        parts::edge_cases()
     }
 }
 

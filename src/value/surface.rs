@@ -114,7 +114,7 @@ impl Surface {
 impl Value for Surface {
     const NAME: &'static str = "Surface";
 
-    content_of_fields!(net, u, v);
+    content_of_fields! { net u v }
 
     fn describe(&self) -> Summary {
         fn domain(knots: &KnotVector) -> String {

@@ -8,7 +8,7 @@ use crate::content::content_of_fields;
 impl Value for Mesh {
     const NAME: &'static str = "Mesh";
 
-    content_of_fields!(positions, faces, vertex, corner, face, creases, materials, frame, derived);
+    content_of_fields! { positions faces vertex corner face creases materials frame derived }
 
     fn properties() -> &'static [Property<Self>] {
         PROPERTIES
