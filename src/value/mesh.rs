@@ -12,15 +12,14 @@ use super::{
 
 mod crossings;
 mod derived;
-mod describe;
 mod diff;
 mod elements;
 mod faces;
 mod nearest;
 mod normals;
-mod parts;
 mod properties;
 mod triangles;
+mod value;
 mod walls;
 
 use derived::DerivedData;
