@@ -24,8 +24,7 @@ mod adaptors;
 mod collect;
 mod sources;
 
-use adaptors::Adapted;
-pub use adaptors::Zip;
+pub use adaptors::{Adapted, Zip};
 pub use collect::FromParallel;
 pub use sources::{
     Chunks, ChunksMut, IntoParallel, Items, ItemsMut, Numbers, ParallelSlice, ParallelSliceMut,
@@ -134,9 +133,9 @@ pub trait Parallel: Sized + Send {
     }
 
     /// Sets the minimum number of indices per part, for items that take little time.
-    fn with_min_len(self, min_len: usize) -> impl Parallel<Item = Self::Item> {
+    fn with_min_len(self, min_len: usize) -> Adapted<Self, fn(Self::Part) -> Self::Part, true> {
         let max_parts = (self.index_count() / min_len.max(1)).max(1);
-        adapt::<true, _, _>(self, max_parts, |part| part)
+        Adapted { items: self, max_parts, adapt: |part| part }
     }
 
     /// Calls `f` with each item.
@@ -179,22 +178,6 @@ pub trait Parallel: Sized + Send {
     /// The sum of all items. The items of each part are summed first, then these sums.
     fn sum<S: Sum<Self::Item> + Sum<S> + Send>(self) -> S {
         of_parts(self, &|_, part: Self| part.part().sum::<S>()).into_iter().sum()
-    }
-
-    /// The maximum item. If several are equal, the last of them.
-    fn max(self) -> Option<Self::Item>
-    where
-        Self::Item: Ord,
-    {
-        of_parts(self, &|_, part: Self| part.part().max()).into_iter().flatten().max()
-    }
-
-    /// The minimum item. If several are equal, the first of them.
-    fn min(self) -> Option<Self::Item>
-    where
-        Self::Item: Ord,
-    {
-        of_parts(self, &|_, part: Self| part.part().min()).into_iter().flatten().min()
     }
 
     /// Folds the items of each part, beginning with `init()`, and returns the results of the parts in order.

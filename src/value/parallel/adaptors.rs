@@ -4,9 +4,10 @@ use std::iter;
 
 use super::Parallel;
 
-/// The items of `P`, where `adapt` converts the sequential iterator of each part. `EXACT` is true if the conversion keeps the number of items.
+/// The items of `P`, where `adapt` converts the sequential iterator of each part. `EXACT` is true if the conversion keeps the number of
+/// items.
 #[derive(Clone, Debug)]
-pub(super) struct Adapted<P, F, const EXACT: bool> {
+pub struct Adapted<P, F, const EXACT: bool> {
     pub(super) items: P,
     pub(super) max_parts: usize,
     pub(super) adapt: F,
