@@ -11,38 +11,6 @@ mod value;
 /// Error of building a control net.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ControlNetError {
-    /// A list has the wrong length.
-    #[error("{count} entries do not fill a net of {rows} rows and {columns} columns")]
-    Size {
-        /// The number of rows of the net.
-        rows: usize,
-        /// The number of columns of the net.
-        columns: usize,
-        /// The number of entries in the list.
-        count: usize,
-    },
-    /// A point or weight is NaN, infinite, or too large for single precision, in which nets are written.
-    #[error(
-        "control point ({row}, {column}) is not finite: a net's coordinates and weights stay below 3.4e38 in size, which files can hold"
-    )]
-    NotFinite {
-        /// The row of the point whose position or weight is not finite.
-        row: usize,
-        /// The column of the point whose position or weight is not finite.
-        column: usize,
-    },
-    /// A weight is negative.
-    #[error(
-        "the weight of control point ({row}, {column}) is {weight}; weights must not be negative"
-    )]
-    NegativeWeight {
-        /// The row of the point with the negative weight.
-        row: usize,
-        /// The column of the point with the negative weight.
-        column: usize,
-        /// The negative weight.
-        weight: f64,
-    },
     /// The rows of a net have different lengths.
     #[error("row {row} has {length} points, the first row has {expected}")]
     Ragged {
@@ -53,6 +21,9 @@ pub enum ControlNetError {
         /// The length of the first row.
         expected: usize,
     },
+    /// Any other violation of the invariant; contains the message.
+    #[error("{0}")]
+    Invalid(String),
 }
 
 /// A chart of a control net: the position on the net of each cell of a range grid.
@@ -146,10 +117,12 @@ impl ControlNet {
         for (index, &weight) in weights.iter().enumerate() {
             let (row, column) = (index / self.columns, index % self.columns);
             if !is_finite(weight) {
-                return Err(ControlNetError::NotFinite { row, column });
+                return Err(not_finite(row, column));
             }
             if weight < 0.0 {
-                return Err(ControlNetError::NegativeWeight { row, column, weight });
+                return Err(ControlNetError::Invalid(format!(
+                    "the weight of control point ({row}, {column}) is {weight}; weights must not be negative"
+                )));
             }
         }
         self.weights = weights.into();
@@ -184,7 +157,9 @@ impl ControlNet {
         let (rows, columns) = (self.rows, self.columns);
         match rows.checked_mul(columns) {
             Some(expected) if expected == count && count > 0 => Ok(()),
-            _ => Err(ControlNetError::Size { rows, columns, count }),
+            _ => Err(ControlNetError::Invalid(format!(
+                "{count} entries do not fill a net of {rows} rows and {columns} columns"
+            ))),
         }
     }
 
@@ -192,10 +167,7 @@ impl ControlNet {
         self.check_size(points.len())?;
         match points.iter().position(|point| !point.coords.iter().copied().all(is_finite)) {
             None => Ok(()),
-            Some(index) => Err(ControlNetError::NotFinite {
-                row: index / self.columns,
-                column: index % self.columns,
-            }),
+            Some(index) => Err(not_finite(index / self.columns, index % self.columns)),
         }
     }
 
@@ -239,6 +211,12 @@ impl ControlNet {
     pub fn frame(&self) -> Option<&CaptureFrame> {
         self.frame.as_ref()
     }
+}
+
+fn not_finite(row: usize, column: usize) -> ControlNetError {
+    ControlNetError::Invalid(format!(
+        "control point ({row}, {column}) is not finite: a net's coordinates and weights stay below 3.4e38 in size, which files can hold"
+    ))
 }
 
 /// Returns true if a number is finite in single precision. A number beyond that range would be infinite in a file, and its square would

@@ -64,28 +64,10 @@ impl Content for HandleSpace {
     }
 }
 
-/// Error of building handles.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum HandlesError {
-    /// A position, a target, a deviation or a weight is NaN or infinite.
-    #[error("the {what} of handle {handle} is not finite")]
-    NotFinite {
-        /// The index of the handle, from 0.
-        handle: usize,
-        /// The wrong number: `position`, `target`, `deviation` or `weight`.
-        what: &'static str,
-    },
-    /// A deviation or a weight is not greater than 0.
-    #[error("the {what} of handle {handle} is {number}, expected a number greater than 0")]
-    NotPositive {
-        /// The index of the handle, from 0.
-        handle: usize,
-        /// The wrong number: `deviation` or `weight`.
-        what: &'static str,
-        /// The value of the wrong number.
-        number: f64,
-    },
-}
+/// Error of building handles. Contains the message.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{0}")]
+pub struct HandlesError(String);
 
 /// A list of handles. The positions, deviations and weights are the *layout* of the handles. The targets are separate from the layout,
 /// because expensive computations depend only on the layout.
@@ -217,11 +199,13 @@ fn check(handle: usize, given: &Handle) -> Result<(), HandlesError> {
         ("weight", &[given.weight]),
     ];
     if let Some((what, _)) = lists.iter().find(|(_, numbers)| !finite(numbers)) {
-        return Err(HandlesError::NotFinite { handle, what });
+        return Err(HandlesError(format!("the {what} of handle {handle} is not finite")));
     }
     for (what, numbers) in &lists[2..] {
         if let Some(&number) = numbers.iter().find(|x| **x <= 0.0) {
-            return Err(HandlesError::NotPositive { handle, what, number });
+            return Err(HandlesError(format!(
+                "the {what} of handle {handle} is {number}, expected a number greater than 0"
+            )));
         }
     }
     Ok(())
@@ -262,8 +246,7 @@ impl Value for Handles {
             Some(fact) => {
                 let found =
                     HandleSpace::ALL.into_iter().find(|it| *fact == format!("{it:?}").into());
-                let expected = "Box, Cube or World";
-                found.ok_or(PartsError::Fact { fact: "space".into(), expected })?
+                found.ok_or_else(|| PartsError::wrong_fact("space", "Box, Cube or World"))?
             }
         };
         let at = parts.require("at", 3)?.elements::<3>()?;

@@ -71,26 +71,10 @@ pub struct LabelRun {
     pub label: u32,
 }
 
-/// Error of building labels from runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-pub enum LabelsError {
-    /// A run is empty, outside of the picture, or not after the previous run.
-    #[error("run {run} is empty, outside of the picture, or not after the previous run")]
-    Place {
-        /// The index of the invalid run.
-        run: usize,
-    },
-    /// The label of a run skips a number.
-    #[error("run {run} has label {label}, but only {components} components come before it")]
-    Label {
-        /// The index of the run with that label.
-        run: usize,
-        /// The label that skips a number.
-        label: u32,
-        /// The number of components in the runs before that run.
-        components: usize,
-    },
-}
+/// Error of building labels from runs. Contains the message.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{0}")]
+pub struct LabelsError(String);
 
 /// The number of rows per parallel task, which is enough work to outweigh the cost of a task.
 const STRIP_ROWS: usize = 64;
@@ -118,11 +102,15 @@ impl Labels {
         for (index, run) in runs.iter().enumerate() {
             let inside = (run.row as usize) < height && run.end as usize <= width;
             if !inside || run.end <= run.start || (run.row, run.start) < behind {
-                return Err(LabelsError::Place { run: index });
+                return Err(LabelsError(format!(
+                    "run {index} is empty, outside of the picture, or not after the previous run"
+                )));
             }
             if run.label == 0 || components + 1 < run.label {
-                let (label, components) = (run.label, components as usize);
-                return Err(LabelsError::Label { run: index, label, components });
+                let label = run.label;
+                return Err(LabelsError(format!(
+                    "run {index} has label {label}, but only {components} components come before it"
+                )));
             }
             behind = (run.row, run.end);
             components = components.max(run.label);
@@ -326,9 +314,11 @@ mod tests {
             (vec![LabelRun { row: 1, ..run(0, 1, 1) }], 0),
         ] {
             let error = Labels::from_runs(3, 1, &runs);
-            assert_eq!(error, Err(LabelsError::Place { run: first_wrong }));
+            let wrong = "is empty, outside of the picture, or not after the previous run";
+            assert_eq!(error, Err(LabelsError(format!("run {first_wrong} {wrong}"))));
         }
-        let wrong = LabelsError::Label { run: 1, label: 3, components: 1 };
-        assert_eq!(Labels::from_runs(3, 1, &[run(0, 1, 1), run(2, 3, 3)]), Err(wrong));
+        let wrong = "run 1 has label 3, but only 1 components come before it";
+        let error = Labels::from_runs(3, 1, &[run(0, 1, 1), run(2, 3, 3)]);
+        assert_eq!(error, Err(LabelsError(wrong.into())));
     }
 }

@@ -61,11 +61,7 @@ impl Points {
     /// # Errors
     /// If the number of positions differs from the number of points, or one is not finite.
     pub fn with_positions(&self, positions: Vec<Point3<f64>>) -> Result<Self, PointsError> {
-        if positions.len() != self.positions.len() {
-            let (count, elements) = (positions.len(), self.positions.len());
-            let error = AttributeError::Length { name: "position".into(), count, elements };
-            return Err(error.into());
-        }
+        AttributeError::check_len("position", positions.len(), self.positions.len())?;
         let mut moved = Self { attributes: self.attributes.clone(), ..Self::new(positions)? };
         moved.attributes.remove("normal");
         Ok(moved)

@@ -7,35 +7,10 @@ use super::Column;
 
 mod value;
 
-/// Error of building a region.
+/// Error of building a region. Contains the message.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum RegionError {
-    /// The region has no cells.
-    #[error("the region is empty: it contains no cell of the range grid")]
-    Empty,
-    /// The lists of cells, points and flags have different lengths.
-    #[error("{points} points and {flags} flags for {cells} cells")]
-    Length {
-        /// The number of cells in the list.
-        cells: usize,
-        /// The number of points in the list.
-        points: usize,
-        /// The number of flags in the list.
-        flags: usize,
-    },
-    /// A cell is outside of the grid, or the cells are not in ascending order.
-    #[error("cell {cell} is outside of the grid or not after the previous cell")]
-    Cell {
-        /// The index of the cell in the list of cells.
-        cell: u32,
-    },
-    /// A cell has no finite point.
-    #[error("cell {cell} of the region has no point")]
-    NoPoint {
-        /// The index of the cell in the list of cells.
-        cell: u32,
-    },
-}
+#[error("{0}")]
+pub struct RegionError(String);
 
 /// A closed chain of cells along the border of a region. Consecutive cells are neighbors, possibly diagonal ones.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -76,24 +51,23 @@ impl Region {
         contours: Vec<Contour>,
     ) -> Result<Self, RegionError> {
         if cells.is_empty() {
-            return Err(RegionError::Empty);
+            let why = "the region is empty: it contains no cell of the range grid";
+            return Err(RegionError(why.into()));
         }
         if points.len() != cells.len() || filled.len() != cells.len() {
-            let (points, flags) = (points.len(), filled.len());
-            return Err(RegionError::Length { cells: cells.len(), points, flags });
+            let (points, flags, cells) = (points.len(), filled.len(), cells.len());
+            return Err(RegionError(format!(
+                "{points} points and {flags} flags for {cells} cells"
+            )));
         }
-        if let Some(pair) = cells.windows(2).find(|pair| pair[1] <= pair[0]) {
-            return Err(RegionError::Cell { cell: pair[1] });
+        let unsorted = cells.windows(2).find(|pair| pair[1] <= pair[0]).map(|pair| pair[1]);
+        let outside = |cell: &&u32| width.saturating_mul(height) <= **cell as usize;
+        if let Some(cell) = unsorted.or_else(|| cells.last().filter(outside).copied()) {
+            let why = format!("cell {cell} is outside of the grid or not after the previous cell");
+            return Err(RegionError(why));
         }
-        if let Some(&cell) =
-            cells.last().filter(|&&cell| width.saturating_mul(height) <= cell as usize)
-        {
-            return Err(RegionError::Cell { cell });
-        }
-        if let Some(index) =
-            points.iter().position(|point| !point.coords.iter().all(|x| x.is_finite()))
-        {
-            return Err(RegionError::NoPoint { cell: cells[index] });
+        if let Some(index) = super::first_not_finite(&points) {
+            return Err(RegionError(format!("cell {} of the region has no point", cells[index])));
         }
         Ok(Self {
             width,
@@ -176,13 +150,15 @@ mod tests {
 
     #[test]
     fn invalid_regions_are_refused() {
-        assert_eq!(region(vec![]), Err(RegionError::Empty));
-        assert_eq!(region(vec![2, 1]), Err(RegionError::Cell { cell: 1 }));
-        assert_eq!(region(vec![6]), Err(RegionError::Cell { cell: 6 }));
+        fn check(region: Result<Region, RegionError>, expected: &str) {
+            assert_eq!(region, Err(RegionError(expected.into())));
+        }
+        check(region(vec![]), "the region is empty: it contains no cell of the range grid");
+        let wrong = "is outside of the grid or not after the previous cell";
+        check(region(vec![2, 1]), &format!("cell 1 {wrong}"));
+        check(region(vec![6]), &format!("cell 6 {wrong}"));
         let nowhere = Point3::new(f64::NAN, 0.0, 0.0);
-        assert_eq!(
-            Region::new(1, 1, vec![0], vec![nowhere], vec![0], vec![]),
-            Err(RegionError::NoPoint { cell: 0 })
-        );
+        let region = Region::new(1, 1, vec![0], vec![nowhere], vec![0], vec![]);
+        check(region, "cell 0 of the region has no point");
     }
 }

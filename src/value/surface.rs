@@ -43,16 +43,9 @@ pub enum SurfaceError {
         /// The number of control points of the net.
         points: usize,
     },
-    /// All weights that affect one polynomial piece are 0.
-    #[error(
-        "all weights around control point ({row}, {column}) are 0: the surface has no point there"
-    )]
-    Weights {
-        /// The first row of the weights that affect the piece.
-        row: usize,
-        /// The first column of the weights that affect the piece.
-        column: usize,
-    },
+    /// Any other violation of the invariant; contains the message.
+    #[error("{0}")]
+    Invalid(String),
 }
 
 /// A rational B-spline surface: a control net, and a knot vector for each direction. The rows of the net run along u.
@@ -88,7 +81,9 @@ impl Surface {
                     net.weights()[a * net.columns() + column..][..=q].iter().any(|&w| w > 0.0)
                 });
                 if !positive {
-                    return Err(SurfaceError::Weights { row, column });
+                    return Err(SurfaceError::Invalid(format!(
+                        "all weights around control point ({row}, {column}) are 0: the surface has no point there"
+                    )));
                 }
             }
         }

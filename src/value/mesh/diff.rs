@@ -71,7 +71,7 @@ mod tests {
                     .filter(|(vertex, _)| *vertex == 3)
                     .for_each(|(_, to)| to.y = f64::NAN);
             });
-        assert_eq!(refused.map(|_| ()), Err(MeshError::NotFinite { vertex: 3 }));
+        assert_eq!(refused.map(|_| ()), Err(MeshError::not_finite(3)));
         let expected = MovedRows { vertices: vec![1..2, 3..4], normals: vec![] };
         assert_eq!(moved.moved_since(&mesh), Some(expected.clone()));
         assert_eq!(mesh.moved_since(&mesh), Some(MovedRows::default()));

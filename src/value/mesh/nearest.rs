@@ -101,13 +101,9 @@ impl TriangleTree {
     pub fn search(&self, points: &[Point3<f64>]) -> (Vec<Option<NearestPoint>>, usize) {
         const CHUNK: usize = 2048;
         let finite = points.iter().filter(|point| point.coords.iter().all(|x| x.is_finite()));
-        let bounds = finite.fold(None, |bounds: Option<(Point3<f64>, Point3<f64>)>, point| {
-            let (low, high) = bounds.unwrap_or((*point, *point));
-            Some((low.inf(point), high.sup(point)))
-        });
         // Each search begins in the leaf where the last one ended, because points that are neighbors along the curve are close to each
         // other.
-        let order = along_curve(points.len(), |index| points[index], bounds);
+        let order = along_curve(points.len(), |index| points[index], super::bounds(finite));
         let chunks: Vec<_> = order
             .par_chunks(CHUNK)
             .map(|indices| {

@@ -4,6 +4,7 @@ use nalgebra::Point3;
 
 use super::super::{Attribute, Faces, KnotVector, Mesh, MeshError};
 use super::{ParameterDirection, Surface};
+use crate::mesh::diagonal;
 
 /// The maximum distance between the mesh and the surface, as a fraction of the diagonal of the control points' bounding box. At 1/1000 the
 /// distance is invisible in a picture of 1000 pixels.
@@ -73,21 +74,11 @@ impl Surface {
                 height = height.max(distance(at(k + 1), at(k), at(k + 2)));
             }
         }
-        let allowed = CHORD * self.diagonal();
+        let allowed = CHORD * diagonal(self.net.points());
         let pieces = (PIECES as f64 * (height / allowed).sqrt()).ceil();
         let spans = (fine.len() - 1) / (2 * PIECES);
         // A flat or collapsed surface gives 0 or NaN, and the cast of NaN gives 0.
         divide_spans(knots, (pieces as usize).clamp(1, (MAX_QUADS / spans).max(1)))
-    }
-
-    /// The length of the diagonal of the bounding box of all control points.
-    fn diagonal(&self) -> f64 {
-        let points = self.net.points();
-        let first = points[0].coords;
-        let (low, high) = points.iter().fold((first, first), |(low, high), point| {
-            (low.inf(&point.coords), high.sup(&point.coords))
-        });
-        (high - low).norm()
     }
 }
 
@@ -102,11 +93,10 @@ fn even(knots: &KnotVector, count: usize) -> Vec<f64> {
 /// The parameters at the ends of `pieces` equal parts of each span that is not empty.
 pub(super) fn divide_spans(knots: &KnotVector, pieces: usize) -> Vec<f64> {
     let (start, end) = knots.domain();
-    let domain = &knots.knots()[knots.degree()..=knots.n_control()];
     let mut at = vec![start];
-    for span in domain.windows(2).filter(|span| span[0] < span[1]) {
-        at.extend((1..pieces).map(|k| span[0] + (span[1] - span[0]) * (k as f64 / pieces as f64)));
-        at.push(span[1].min(end));
+    for (_, [low, high]) in knots.spans() {
+        at.extend((1..pieces).map(|k| low + (high - low) * (k as f64 / pieces as f64)));
+        at.push(high.min(end));
     }
     at
 }
@@ -192,7 +182,7 @@ mod tests {
     fn an_automatic_tessellation_stays_within_a_thousandth() {
         let surface = bulge();
         let mesh = surface.tessellate(0, 0).unwrap();
-        let allowed = CHORD * surface.diagonal();
+        let allowed = CHORD * diagonal(surface.net.points());
         let n = 1 + (mesh.faces().len() as f64).sqrt() as usize;
         assert_eq!(n * n, mesh.positions().len());
         let us = even(surface.u(), 2 * (n - 1));
