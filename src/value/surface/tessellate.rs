@@ -134,21 +134,15 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::super::super::ControlNet;
+    use super::super::evaluate::tests::net;
     use super::*;
 
     /// The net of a capture: rows run down (y), columns run to the right (x), and the net bulges towards the sensor (-z).
     fn bulge() -> Surface {
-        let net = ControlNet::new(
-            6,
-            6,
-            (0..36)
-                .map(|k: usize| {
-                    let (y, x) = ((k / 6) as f64 - 2.5, (k % 6) as f64 - 2.5);
-                    Point3::new(x, y, 700.0 + 0.1 * (x * x + y * y))
-                })
-                .collect::<Vec<_>>(),
-        )
-        .unwrap();
+        let net = net(6, 6, |row, column| {
+            let (y, x) = (row - 2.5, column - 2.5);
+            Point3::new(x, y, 700.0 + 0.1 * (x * x + y * y))
+        });
         let knots = KnotVector::uniform(6, 3).unwrap();
         Surface::new(net, knots.clone(), knots).unwrap()
     }
@@ -206,8 +200,7 @@ mod tests {
 
     #[test]
     fn a_flat_surface_needs_one_quad_per_span() {
-        let net = (0..16).map(|k| Point3::new((k % 4) as f64, (k / 4) as f64, 0.0));
-        let net = ControlNet::new(4, 4, net.collect::<Vec<_>>()).unwrap();
+        let net = net(4, 4, |y, x| Point3::new(x, y, 0.0));
         fn flat(order: usize, net: &ControlNet) -> Mesh {
             let knots = KnotVector::uniform(4, order).unwrap();
             Surface::new(net.clone(), knots.clone(), knots).unwrap().tessellate(0, 0).unwrap()
