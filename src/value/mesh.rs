@@ -399,6 +399,22 @@ pub(super) fn describe_bounds<'a>(
 mod tests {
     use super::*;
 
+    /// A sheet of `width` x `height` vertices, whose faces have 3 or 4 sides. `z` gives the height of each vertex.
+    pub(super) fn sheet([width, height]: [u32; 2], sides: usize, z: impl Fn(u32) -> f64) -> Mesh {
+        let points = (0..width * height)
+            .map(|k| Point3::new(f64::from(k % width), f64::from(k / width), z(k)));
+        let cells = (0..height - 1).flat_map(|row| (0..width - 1).map(move |k| row * width + k));
+        let corners = cells.flat_map(|a: u32| {
+            let below = a + width;
+            match sides {
+                3 => vec![a, a + 1, below, a + 1, below + 1, below],
+                _ => vec![a, a + 1, below + 1, below],
+            }
+        });
+        let faces = Faces::uniform(sides, corners.collect::<Vec<_>>()).unwrap();
+        Mesh::new(points.collect::<Vec<_>>(), faces).unwrap()
+    }
+
     fn quad_and_triangle() -> Mesh {
         fn point_xy(x: f64, y: f64) -> Point3<f64> {
             Point3::new(x, y, 0.0)
@@ -434,17 +450,7 @@ mod tests {
 
     #[test]
     fn normals_are_the_same_for_any_number_of_threads() {
-        let (width, height) = (150u32, 140u32);
-        let positions = (0..width * height)
-            .map(|k| Point3::new(f64::from(k % width), f64::from(k / width), f64::from(k * k % 7)));
-        let quads =
-            (0..height - 1).flat_map(|row| (0..width - 1).map(move |column| row * width + column));
-        let triangles = Faces::triangles(
-            quads
-                .flat_map(|a: u32| [[a, a + 1, a + width], [a + 1, a + width + 1, a + width]])
-                .collect(),
-        );
-        let mesh = Mesh::new(positions.collect::<Vec<_>>(), triangles).unwrap();
+        let mesh = sheet([150, 140], 3, |k| f64::from(k * k % 7));
         fn normals(threads: usize, mesh: &Mesh) -> Vec<Vector3<f64>> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| mesh.vertex_normals())

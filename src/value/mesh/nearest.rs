@@ -401,23 +401,12 @@ pub fn closest_on_triangle(p: Point3<f64>, [a, b, c]: [Point3<f64>; 3]) -> (f64,
 
 #[cfg(test)]
 mod tests {
-    use super::super::Faces;
+    use super::super::tests::sheet;
     use super::*;
 
     #[test]
     fn the_tree_finds_the_same_nearest_points_as_a_full_scan() {
-        let quads = (0..19).flat_map(|row| (0..19).map(move |column| row * 20 + column));
-        let faces = quads.flat_map(|a: u32| [[a, a + 1, a + 20], [a + 1, a + 21, a + 20]]);
-        let mesh = Mesh::new(
-            (0..400)
-                .map(|k: u32| {
-                    let bump = f64::from(k * k % 17) / 5.0;
-                    Point3::new(f64::from(k % 20), f64::from(k / 20), bump)
-                })
-                .collect::<Vec<_>>(),
-            Faces::triangles(faces.collect()),
-        );
-        let mesh = mesh.unwrap();
+        let mesh = sheet([20, 20], 3, |k| f64::from(k * k % 17) / 5.0);
         let tree = TriangleTree::new(&mesh);
         let points: Vec<_> = (0..200u32)
             .map(|k| {
