@@ -99,21 +99,20 @@ impl Labels {
     /// If a run is empty or outside of the picture, or starts before the end of the previous run, or if its label is 0 or skips a number.
     pub fn from_runs(width: usize, height: usize, runs: &[LabelRun]) -> Result<Self, LabelsError> {
         let (mut behind, mut components) = ((0, 0), 0);
-        for (index, run) in runs.iter().enumerate() {
-            let inside = (run.row as usize) < height && run.end as usize <= width;
-            if !inside || run.end <= run.start || (run.row, run.start) < behind {
+        for (run, &LabelRun { row, start, end, label }) in runs.iter().enumerate() {
+            let inside = (row as usize) < height && end as usize <= width;
+            if !inside || end <= start || (row, start) < behind {
                 return Err(LabelsError(format!(
-                    "run {index} is empty, outside of the picture, or not after the previous run"
+                    "run {run} is empty, outside of the picture, or not after the previous run"
                 )));
             }
-            if run.label == 0 || components + 1 < run.label {
-                let label = run.label;
+            if label == 0 || components + 1 < label {
                 return Err(LabelsError(format!(
-                    "run {index} has label {label}, but only {components} components come before it"
+                    "run {run} has label {label}, but only {components} components come before it"
                 )));
             }
-            behind = (run.row, run.end);
-            components = components.max(run.label);
+            behind = (row, end);
+            components = components.max(label);
         }
         Ok(Self::assemble(width, height, huge_vec(width * height), runs))
     }

@@ -220,13 +220,6 @@ impl<'a> Parts<'a> {
         self.columns.push(Part { name, element_kind: on, meaning, width, items, is_hidden: true });
     }
 
-    /// Appends the parts of another value.
-    pub fn append(&mut self, mut other: Self) {
-        self.facts.append(&mut other.facts);
-        self.columns.append(&mut other.columns);
-        self.row = other.row.or(self.row);
-    }
-
     /// The first column with this name.
     pub fn column(&self, name: &str) -> Option<&Part<'a>> {
         self.columns.iter().find(|part| part.name == name)
@@ -316,9 +309,9 @@ impl Part<'_> {
     pub fn with_width(&self, expected: usize) -> Result<&Self, PartsError> {
         let (numbers, width) = (self.items.len(), self.width);
         if width != expected {
+            let part = &self.name;
             return Err(PartsError::Invalid(format!(
-                "the part `{}` has {width} numbers per element, expected {expected}",
-                self.name
+                "the part `{part}` has {width} numbers per element, expected {expected}"
             )));
         }
         match numbers % width.max(1) {

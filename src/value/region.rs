@@ -67,7 +67,8 @@ impl Region {
             return Err(RegionError(why));
         }
         if let Some(index) = super::first_not_finite(&points) {
-            return Err(RegionError(format!("cell {} of the region has no point", cells[index])));
+            let cell = cells[index];
+            return Err(RegionError(format!("cell {cell} of the region has no point")));
         }
         Ok(Self {
             width,

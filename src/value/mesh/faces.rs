@@ -302,8 +302,8 @@ fn check_face(face: usize, corners: &[u32], vertices: usize) -> Result<(), MeshE
     }
     match first_repeated_vertex(corners) {
         Some(corner) => {
-            let why = format!("face {face} contains vertex {} twice", corners[corner]);
-            Err(MeshError::Invalid(why))
+            let vertex = corners[corner];
+            Err(MeshError::Invalid(format!("face {face} contains vertex {vertex} twice")))
         }
         None => Ok(()),
     }
