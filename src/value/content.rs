@@ -32,7 +32,7 @@ macro_rules! content_of_fields {
         }
 
         fn size(&self) -> usize {
-            [$($crate::content::Content::size(&self.$field)),+].into_iter().sum()
+            0 $(+ $crate::content::Content::size(&self.$field))+
         }
     };
 }
