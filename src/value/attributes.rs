@@ -4,34 +4,25 @@ use std::collections::BTreeMap;
 
 use thiserror::Error;
 
+use super::content::Content;
 use super::{
     Column, DecodeError, Decoder, ElementKind, Encoder, Items, Meaning, Part, PartsError, Rgb,
 };
 use crate::parallel::*;
 
-/// Error of adding an attribute.
+/// Error of adding an attribute. Contains the message.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum AttributeError {
-    /// There are too many or too few entries.
-    #[error("attribute `{name}` has {count} entries for {elements} elements")]
-    Length {
-        /// The name of the attribute.
-        name: String,
-        /// The number of entries of the attribute.
-        count: usize,
-        /// The number of elements of the mesh, each of which needs one entry.
-        elements: usize,
-    },
-    /// A texture coordinate or a normal is NaN or infinite.
-    #[error("attribute `{name}` of {element} {index} is not finite")]
-    NotFinite {
-        /// The name of the attribute.
-        name: String,
-        /// The kind of element, such as `vertex` or `corner`.
-        element: &'static str,
-        /// The index of the element with that entry, from 0.
-        index: usize,
-    },
+#[error("{0}")]
+pub struct AttributeError(String);
+
+impl AttributeError {
+    /// Checks that the attribute `name` has as many entries as there are elements.
+    pub(super) fn check_len(name: &str, count: usize, elements: usize) -> Result<(), Self> {
+        if count == elements {
+            return Ok(());
+        }
+        Err(Self(format!("attribute `{name}` has {count} entries for {elements} elements")))
+    }
 }
 
 /// One column of data: an entry per vertex, corner or face.
@@ -245,13 +236,11 @@ impl Attributes {
         elements: usize,
         element: &'static str,
     ) -> Result<(), AttributeError> {
-        if attribute.len() != elements {
-            let count = attribute.len();
-            return Err(AttributeError::Length { name: name.to_owned(), count, elements });
-        }
+        AttributeError::check_len(name, attribute.len(), elements)?;
         let checked = Some(&attribute).filter(|_| matches!(name, "uv" | "normal"));
         if let Some(index) = checked.and_then(Attribute::first_not_finite) {
-            return Err(AttributeError::NotFinite { name: name.to_owned(), element, index });
+            let why = format!("attribute `{name}` of {element} {index} is not finite");
+            return Err(AttributeError(why));
         }
         self.0.insert(name.to_owned(), attribute);
         Ok(())
@@ -260,12 +249,10 @@ impl Attributes {
     pub(super) fn remove(&mut self, name: &str) {
         self.0.remove(name);
     }
+}
 
-    pub(super) fn size(&self) -> usize {
-        self.0.values().map(Attribute::size).sum()
-    }
-
-    pub(super) fn encode(&self, to: &mut Encoder) {
+impl Content for Attributes {
+    fn encode(&self, to: &mut Encoder) {
         to.counts(&[self.0.len()]);
         for (name, attribute) in &self.0 {
             to.text(name);
@@ -273,9 +260,13 @@ impl Attributes {
         }
     }
 
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         let [count] = from.counts()?;
         let attributes = (0..count).map(|_| Ok((from.text()?, Attribute::decode(from)?)));
         Ok(Self(attributes.collect::<Result<_, _>>()?))
+    }
+
+    fn size(&self) -> usize {
+        self.0.values().map(Attribute::size).sum()
     }
 }

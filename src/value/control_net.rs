@@ -3,47 +3,14 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{
-    CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Summary, Value,
-};
+use super::content::{Content, content_of_fields};
+use super::{CaptureFrame, Column};
 
-mod parts;
+mod value;
 
 /// Error of building a control net.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ControlNetError {
-    /// A list has the wrong length.
-    #[error("{count} entries do not fill a net of {rows} rows and {columns} columns")]
-    Size {
-        /// The number of rows of the net.
-        rows: usize,
-        /// The number of columns of the net.
-        columns: usize,
-        /// The number of entries in the list.
-        count: usize,
-    },
-    /// A point or weight is NaN, infinite, or too large for single precision, in which nets are written.
-    #[error(
-        "control point ({row}, {column}) is not finite: a net's coordinates and weights stay below 3.4e38 in size, which files can hold"
-    )]
-    NotFinite {
-        /// The row of the point whose position or weight is not finite.
-        row: usize,
-        /// The column of the point whose position or weight is not finite.
-        column: usize,
-    },
-    /// A weight is negative.
-    #[error(
-        "the weight of control point ({row}, {column}) is {weight}; weights must not be negative"
-    )]
-    NegativeWeight {
-        /// The row of the point with the negative weight.
-        row: usize,
-        /// The column of the point with the negative weight.
-        column: usize,
-        /// The negative weight.
-        weight: f64,
-    },
     /// The rows of a net have different lengths.
     #[error("row {row} has {length} points, the first row has {expected}")]
     Ragged {
@@ -54,6 +21,9 @@ pub enum ControlNetError {
         /// The length of the first row.
         expected: usize,
     },
+    /// Any other violation of the invariant; contains the message.
+    #[error("{0}")]
+    Invalid(String),
 }
 
 /// A chart of a control net: the position on the net of each cell of a range grid.
@@ -69,6 +39,10 @@ pub struct Chart {
     pub cells: Column<u32>,
     /// The net coordinate of each entry of `cells`.
     pub coordinates: Column<[f64; 2]>,
+}
+
+impl Content for Chart {
+    content_of_fields! { grid cells coordinates }
 }
 
 /// A rectangular net of control points: rows along u, columns along v.
@@ -143,10 +117,12 @@ impl ControlNet {
         for (index, &weight) in weights.iter().enumerate() {
             let (row, column) = (index / self.columns, index % self.columns);
             if !is_finite(weight) {
-                return Err(ControlNetError::NotFinite { row, column });
+                return Err(not_finite(row, column));
             }
             if weight < 0.0 {
-                return Err(ControlNetError::NegativeWeight { row, column, weight });
+                return Err(ControlNetError::Invalid(format!(
+                    "the weight of control point ({row}, {column}) is {weight}; weights must not be negative"
+                )));
             }
         }
         self.weights = weights.into();
@@ -181,7 +157,9 @@ impl ControlNet {
         let (rows, columns) = (self.rows, self.columns);
         match rows.checked_mul(columns) {
             Some(expected) if expected == count && count > 0 => Ok(()),
-            _ => Err(ControlNetError::Size { rows, columns, count }),
+            _ => Err(ControlNetError::Invalid(format!(
+                "{count} entries do not fill a net of {rows} rows and {columns} columns"
+            ))),
         }
     }
 
@@ -189,10 +167,7 @@ impl ControlNet {
         self.check_size(points.len())?;
         match points.iter().position(|point| !point.coords.iter().copied().all(is_finite)) {
             None => Ok(()),
-            Some(index) => Err(ControlNetError::NotFinite {
-                row: index / self.columns,
-                column: index % self.columns,
-            }),
+            Some(index) => Err(not_finite(index / self.columns, index % self.columns)),
         }
     }
 
@@ -238,73 +213,10 @@ impl ControlNet {
     }
 }
 
-impl Value for ControlNet {
-    const NAME: &'static str = "ControlNet";
-
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.rows, self.columns])
-            .column(&self.points)
-            .column(&self.base)
-            .column(&self.weights)
-            .column(&self.fixed)
-            .option(self.chart.as_ref(), |to, chart| {
-                to.counts(&chart.grid).column(&chart.cells).column(&chart.coordinates);
-            })
-            .option(self.frame.as_ref(), |to, frame| frame.encode(to));
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [rows, columns] = from.counts()?;
-        Ok(Self {
-            rows,
-            columns,
-            points: from.column()?,
-            base: from.column()?,
-            weights: from.column()?,
-            fixed: from.column()?,
-            chart: from.option(|from| {
-                let grid = from.counts()?;
-                Ok(Chart { grid, cells: from.column()?, coordinates: from.column()? })
-            })?,
-            frame: from.option(CaptureFrame::decode)?,
-        })
-    }
-
-    fn size(&self) -> usize {
-        let chart = self.chart.as_ref();
-        self.points.size()
-            + self.base.size()
-            + self.weights.size()
-            + self.fixed.size()
-            + chart.map_or(0, |chart| chart.cells.size() + chart.coordinates.size())
-    }
-
-    fn describe(&self) -> Summary {
-        let moved = self.points.iter().zip(&*self.base).filter(|(point, base)| point != base);
-        let farthest = moved.clone().map(|(point, base)| (point - base).norm()).fold(0.0, f64::max);
-        let summary = Summary::default()
-            .with_fact("net", format!("{} rows x {} columns", self.rows, self.columns))
-            .with_fact("fixed", self.fixed.iter().filter(|&&fixed| fixed == 1).count())
-            .with_fact("moved", moved.count())
-            .with_fact("farthest move", farthest);
-        super::mesh::describe_bounds(summary, self.points.iter())
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        parts::parts(self)
-    }
-
-    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        parts::made_of(parts)
-    }
-
-    fn show(&self) -> Vec<Layer> {
-        parts::show(self)
-    }
-
-    fn edge_cases() -> Vec<Self> {
-        parts::edge_cases()
-    }
+fn not_finite(row: usize, column: usize) -> ControlNetError {
+    ControlNetError::Invalid(format!(
+        "control point ({row}, {column}) is not finite: a net's coordinates and weights stay below 3.4e38 in size, which files can hold"
+    ))
 }
 
 /// Returns true if a number is finite in single precision. A number beyond that range would be infinite in a file, and its square would

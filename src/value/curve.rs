@@ -3,10 +3,12 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
+use super::content::{Content, content_of_fields};
 use super::edge_cases::point_sets;
+use super::mesh::{describe_bounds, diagonal};
 use super::{
-    Axes, Column, DecodeError, Decoder, ElementKind, Encoder, FactValue, KnotVector, Layer, Lines,
-    Meaning, Parts, PartsError, Summary, Value,
+    Axes, Column, ElementKind, FactValue, KnotVector, Layer, Lines, Meaning, Parts, PartsError,
+    Summary, Value,
 };
 
 mod closest;
@@ -17,12 +19,6 @@ pub use closest::CurveFoot;
 /// Error of building a curve.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum CurveError {
-    /// A point or weight is NaN or infinite.
-    #[error("point {point} of the curve is not finite")]
-    NotFinite {
-        /// The index of the point whose coordinate or weight is not finite.
-        point: usize,
-    },
     /// There are too few points.
     #[error("{count} points are too few for a curve: at least {min} are needed")]
     TooFew {
@@ -31,24 +27,9 @@ pub enum CurveError {
         /// The minimum: 2 for an open polyline, 3 for a closed one.
         min: usize,
     },
-    /// The number of knots or weights does not match the number of points.
-    #[error("the {what} are for {found} control points, the curve has {points}")]
-    Count {
-        /// The list with the wrong length: `knots` or `weights`.
-        what: &'static str,
-        /// The number of control points that the list is for.
-        found: usize,
-        /// The number of control points of the curve.
-        points: usize,
-    },
-    /// A weight is not positive.
-    #[error("the weight of control point {point} is {weight}; weights of curves are positive")]
-    Weight {
-        /// The index of the control point with that weight.
-        point: usize,
-        /// The weight that is not positive.
-        weight: f64,
-    },
+    /// Any other violation of the invariant; contains the message.
+    #[error("{0}")]
+    Invalid(String),
 }
 
 /// A curve in space, lengths in mm: a polyline through points, or a rational B-spline with control points.
@@ -75,6 +56,10 @@ pub struct Curve {
 struct Spline {
     knots: KnotVector,
     weights: Column<f64>,
+}
+
+impl Content for Spline {
+    content_of_fields! { knots weights }
 }
 
 /// The maximum gap between the two ends of a closed B-spline, as a fraction of the diagonal of the control points' bounding box. It allows
@@ -112,22 +97,24 @@ impl Curve {
         check_finite(&points)?;
         for (what, found) in [("knots", knots.n_control()), ("weights", weights.len())] {
             if found != points.len() {
-                return Err(CurveError::Count { what, found, points: points.len() });
+                return Err(wrong_count(what, found, points.len()));
             }
         }
         for (point, &weight) in weights.iter().enumerate() {
             if !weight.is_finite() {
-                return Err(CurveError::NotFinite { point });
+                return Err(not_finite(point));
             }
             if weight <= 0.0 {
-                return Err(CurveError::Weight { point, weight });
+                return Err(CurveError::Invalid(format!(
+                    "the weight of control point {point} is {weight}; weights of curves are positive"
+                )));
             }
         }
         let spline = Some(Spline { knots, weights: weights.into() });
         let mut curve = Self { points, closed: false, spline };
         let (start, end) = curve.domain();
         let gap = (curve.point(start) - curve.point(end)).norm();
-        curve.closed = gap <= CLOSED * curve.diagonal();
+        curve.closed = gap <= CLOSED * diagonal(&curve.points);
         Ok(curve)
     }
 
@@ -138,10 +125,7 @@ impl Curve {
     pub fn with_points(&self, points: Vec<Point3<f64>>) -> Result<Self, CurveError> {
         match &self.spline {
             None if points.len() == self.points.len() => Self::polyline(points, self.closed),
-            None => {
-                let (found, points) = (self.points.len(), points.len());
-                Err(CurveError::Count { what: "points", found, points })
-            }
+            None => Err(wrong_count("points", self.points.len(), points.len())),
             Some(spline) => Self::rational(points, spline.weights.to_vec(), spline.knots.clone()),
         }
     }
@@ -174,44 +158,26 @@ impl Curve {
             None => (0.0, (self.points.len() - 1) as f64),
         }
     }
-
-    /// The length of the diagonal of the bounding box of all points.
-    fn diagonal(&self) -> f64 {
-        super::mesh::bounds(self.points.iter()).map_or(0.0, |(low, high)| (high - low).norm())
-    }
 }
 
 fn check_finite(points: &[Point3<f64>]) -> Result<(), CurveError> {
-    match points.iter().position(|point| !point.coords.iter().all(|x| x.is_finite())) {
-        None => Ok(()),
-        Some(point) => Err(CurveError::NotFinite { point }),
-    }
+    super::first_not_finite(points).map_or(Ok(()), |point| Err(not_finite(point)))
+}
+
+fn not_finite(point: usize) -> CurveError {
+    CurveError::Invalid(format!("point {point} of the curve is not finite"))
+}
+
+fn wrong_count(what: &str, found: usize, points: usize) -> CurveError {
+    CurveError::Invalid(format!(
+        "the {what} are for {found} control points, the curve has {points}"
+    ))
 }
 
 impl Value for Curve {
     const NAME: &'static str = "Curve";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.column(&self.points).plain(&u8::from(self.closed)).option(
-            self.spline.as_ref(),
-            |to, spline| {
-                to.value(&spline.knots).column(&spline.weights);
-            },
-        );
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let points = from.column()?;
-        let closed = from.plain::<u8>()? == 1;
-        let spline =
-            from.option(|from| Ok(Spline { knots: from.value()?, weights: from.column()? }))?;
-        Ok(Self { points, closed, spline })
-    }
-
-    fn size(&self) -> usize {
-        let spline = self.spline.as_ref();
-        self.points.size() + spline.map_or(0, |spline| spline.knots.size() + spline.weights.size())
-    }
+    content_of_fields! { points closed spline }
 
     fn describe(&self) -> Summary {
         let kind = if self.spline.is_some() { "rational B-spline" } else { "polyline" };
@@ -223,7 +189,7 @@ impl Value for Curve {
         if let Some(spline) = &self.spline {
             summary = summary.with_fact("order", spline.knots.degree() + 1);
         }
-        super::mesh::describe_bounds(summary, self.points.iter())
+        describe_bounds(summary, self.points.iter())
     }
 
     fn parts(&self) -> Parts<'_> {
@@ -310,21 +276,16 @@ mod tests {
         assert_eq!(Curve::polyline(points(1), false), Err(CurveError::TooFew { count: 1, min: 2 }));
         assert_eq!(Curve::polyline(points(2), true), Err(CurveError::TooFew { count: 2, min: 3 }));
         let nowhere = vec![Point3::origin(), Point3::new(f64::INFINITY, 0.0, 0.0)];
-        assert_eq!(Curve::polyline(nowhere, false), Err(CurveError::NotFinite { point: 1 }));
+        assert_eq!(Curve::polyline(nowhere, false), Err(not_finite(1)));
         let knots = KnotVector::uniform(3, 3).unwrap();
         fn rational(count: usize, weights: &[f64], knots: &KnotVector) -> CurveError {
             Curve::rational(points(count), weights.to_vec(), knots.clone()).unwrap_err()
         }
-        assert!(matches!(rational(4, &[1.0; 4], &knots), CurveError::Count { what: "knots", .. }));
-        assert!(matches!(
-            rational(3, &[1.0; 2], &knots),
-            CurveError::Count { what: "weights", .. }
-        ));
-        assert!(matches!(rational(3, &[1., 0., 1.], &knots), CurveError::Weight { point: 1, .. }));
-        assert!(matches!(
-            rational(3, &[1., f64::NAN, 1.], &knots),
-            CurveError::NotFinite { point: 1 }
-        ));
+        assert_eq!(rational(4, &[1.0; 4], &knots), wrong_count("knots", 3, 4));
+        assert_eq!(rational(3, &[1.0; 2], &knots), wrong_count("weights", 2, 3));
+        let weight = "the weight of control point 1 is 0; weights of curves are positive";
+        assert_eq!(rational(3, &[1., 0., 1.], &knots).to_string(), weight);
+        assert_eq!(rational(3, &[1., f64::NAN, 1.], &knots), not_finite(1));
     }
 
     #[test]

@@ -17,21 +17,9 @@ pub enum DirectionError {
         /// The length of the mean of the vectors, which is less than 1e-6.
         length: f64,
     },
-    /// A component of the vector is NaN or infinite.
-    #[error("a direction must be finite")]
-    NotFinite,
-    /// A vector does not have length 1.
-    #[error("a direction is {length} long, not 1")]
-    NotUnit {
-        /// The length of the given vector.
-        length: f64,
-    },
-    /// The resultant is out of range.
-    #[error("the resultant {resultant} is not from 1e-6 to 1")]
-    Resultant {
-        /// The resultant that is out of range.
-        resultant: f64,
-    },
+    /// Any other violation of the invariant; contains the message.
+    #[error("{0}")]
+    Invalid(String),
 }
 
 /// A unit vector that is the mean of other unit vectors, and the *resultant*: the length of that mean before normalization, which measures
@@ -56,7 +44,7 @@ impl Direction {
     pub fn mean(mean: Vector3<f64>) -> Result<Self, DirectionError> {
         let length = mean.norm();
         if !length.is_finite() {
-            return Err(DirectionError::NotFinite);
+            return Err(not_finite());
         }
         if length < MIN_RESULTANT {
             return Err(DirectionError::Vanishes { length });
@@ -71,13 +59,14 @@ impl Direction {
     pub fn new(vector: Vector3<f64>, resultant: f64) -> Result<Self, DirectionError> {
         let length = vector.norm();
         if !length.is_finite() {
-            return Err(DirectionError::NotFinite);
+            return Err(not_finite());
         }
         if (length - 1.0).abs() > 1e-9 {
-            return Err(DirectionError::NotUnit { length });
+            return Err(DirectionError::Invalid(format!("a direction is {length} long, not 1")));
         }
         if !(MIN_RESULTANT..=1.0).contains(&resultant) {
-            return Err(DirectionError::Resultant { resultant });
+            let why = format!("the resultant {resultant} is not from 1e-6 to 1");
+            return Err(DirectionError::Invalid(why));
         }
         Ok(Self { vector: Unit::new_unchecked(vector), resultant })
     }
@@ -91,6 +80,10 @@ impl Direction {
     pub fn resultant(&self) -> f64 {
         self.resultant
     }
+}
+
+fn not_finite() -> DirectionError {
+    DirectionError::Invalid("a direction must be finite".to_owned())
 }
 
 impl Value for Direction {
@@ -153,9 +146,6 @@ mod tests {
             Direction::mean(Vector3::new(1e-9, 0.0, 0.0)),
             Err(DirectionError::Vanishes { .. })
         ));
-        assert_eq!(
-            Direction::mean(Vector3::new(f64::NAN, 0.0, 0.0)),
-            Err(DirectionError::NotFinite)
-        );
+        assert_eq!(Direction::mean(Vector3::new(f64::NAN, 0.0, 0.0)), Err(not_finite()));
     }
 }

@@ -5,6 +5,15 @@ use nalgebra::Point3;
 /// Picture sizes that loops often do not handle: no pixel, one pixel, one row, one column.
 pub(super) const SIZES: [[usize; 2]; 5] = [[0, 0], [1, 1], [7, 1], [1, 7], [3, 0]];
 
+/// Pictures of all [`SIZES`], each with equal pixels.
+pub(super) fn uniform_pictures<T, P: Clone, E>(
+    pixels: &[P],
+    new: impl Fn(usize, usize, Vec<P>) -> Result<T, E>,
+) -> Vec<T> {
+    let cases = SIZES.into_iter().flat_map(|size| pixels.iter().map(move |pixel| (size, pixel)));
+    cases.flat_map(|([w, h], pixel)| new(w, h, vec![pixel.clone(); w * h])).collect()
+}
+
 /// Sets of points: coincident, collinear, enormous, tiny, behind the sensor, at the sensor's position, and missing points.
 pub(super) fn point_sets(count: usize) -> Vec<Vec<Point3<f64>>> {
     fn points(point: fn(f64) -> Point3<f64>, count: usize) -> Vec<Point3<f64>> {

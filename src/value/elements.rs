@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use super::{AnyValue, Value, ValueType};
+use super::{AnyValue, ValueType};
 
 /// One way to split values of a type into elements, for a `ForEach`.
 ///
@@ -48,18 +48,8 @@ pub struct ElementType {
     pub kind: &'static ValueType,
 }
 
-impl ElementType {
-    /// All ways to split values of `T`.
-    pub(super) fn all_of<T: Value>() -> Vec<Self> {
-        T::elements()
-            .iter()
-            .map(|it| Self { word: it.word, name: it.name, kind: it.kind })
-            .collect()
+impl<T> From<&Elements<T>> for ElementType {
+    fn from(&Elements { word, name, kind, .. }: &Elements<T>) -> Self {
+        Self { word, name, kind }
     }
-}
-
-/// Splits a value into the elements that `word` names. `None` if the value's type has no such elements.
-pub(super) fn cut<T: Value>(value: &T, word: &str, max_count: usize, before: &[AnyValue]) -> Cut {
-    let way = T::elements().into_iter().find(|way| way.word == word)?;
-    Some((way.cut)(value, max_count, before))
 }

@@ -1,10 +1,11 @@
 //! A number per pixel.
 
-use super::edge_cases::SIZES;
+use super::content::content_of_fields;
+use super::edge_cases::uniform_pictures;
 use super::image::{SizeError, check_size};
 use super::{
-    Column, DecodeError, Decoder, ElementKind, Encoder, Image, Items, Layer, Meaning, Mesh, Parts,
-    PartsError, Picture, Rgb, Summary, Value,
+    Column, ElementKind, Image, Items, Layer, Meaning, Mesh, Parts, PartsError, Picture, Rgb,
+    Summary, Value,
 };
 
 /// A number per pixel, such as the length of a gradient. Row 0 is the top. NaN marks an unknown number.
@@ -59,18 +60,7 @@ impl Field {
 impl Value for Field {
     const NAME: &'static str = "Field";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.width, self.height]).column(&self.pixels);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [width, height] = from.counts()?;
-        Ok(Self { width, height, pixels: from.column()? })
-    }
-
-    fn size(&self) -> usize {
-        self.pixels.size()
-    }
+    content_of_fields! { width height pixels }
 
     fn describe(&self) -> Summary {
         let summary =
@@ -122,10 +112,6 @@ impl Value for Field {
     }
 
     fn edge_cases() -> Vec<Self> {
-        let fields = SIZES.into_iter().flat_map(|[width, height]| {
-            [f32::NAN, f32::INFINITY, 0.0, 1e38]
-                .map(|x| Self::new(width, height, vec![x; width * height]))
-        });
-        fields.flatten().collect()
+        uniform_pictures(&[f32::NAN, f32::INFINITY, 0.0, 1e38], Self::new)
     }
 }

@@ -2,7 +2,8 @@
 
 use nalgebra::{Matrix4, Point3};
 
-use super::{DecodeError, Decoder, ElementKind, Encoder, Meaning, Part, Parts, PartsError};
+use super::content::{Content, content_of_fields};
+use super::{ElementKind, Meaning, Part, Parts, PartsError};
 
 /// A pinhole camera: column = `focal[0] * x / z + center[0]`, row = `focal[1] * y / z + center[1]`, in pixels, with pixel centers at
 /// integers. Camera axes: x right, y down, z away from the camera.
@@ -53,14 +54,10 @@ impl Pinhole {
         let numbers = parts.find(ElementKind::Whole, name).map(Part::single::<4>).transpose()?;
         Ok(numbers.map(|[fx, fy, cx, cy]| Self { focal: [fx, fy], center: [cx, cy] }))
     }
+}
 
-    pub(super) fn encode(&self, to: &mut Encoder) {
-        to.plain(&self.focal).plain(&self.center);
-    }
-
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        Ok(Self { focal: from.plain()?, center: from.plain()? })
-    }
+impl Content for Pinhole {
+    content_of_fields! { focal center }
 }
 
 /// The map from a range grid to the picture taken with it. Columns and rows are mapped separately by pixel = `scale * cell + offset`; the
@@ -114,14 +111,10 @@ impl Registration {
         let [width, height] = self.picture.map(|size| size as f64);
         [(column + 0.5) / width, 1.0 - (row + 0.5) / height]
     }
+}
 
-    pub(super) fn encode(&self, to: &mut Encoder) {
-        to.plain(&self.scale).plain(&self.offset).counts(&self.picture);
-    }
-
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        Ok(Self { scale: from.plain()?, offset: from.plain()?, picture: from.counts()? })
-    }
+impl Content for Registration {
+    content_of_fields! { scale offset picture }
 }
 
 /// The frame of a mesh that was made from a capture. Its axes are those of [`Pinhole`]: x right, y down, z away from the sensor.
@@ -168,22 +161,10 @@ impl CaptureFrame {
             world_from_camera: pose_of(parts, POSE)?,
         }))
     }
+}
 
-    pub(super) fn encode(&self, to: &mut Encoder) {
-        to.option(self.camera.as_ref(), |to, camera| camera.encode(to))
-            .counts(&self.picture)
-            .plain(&self.depth)
-            .option(self.world_from_camera.as_ref(), encode_pose);
-    }
-
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        Ok(Self {
-            camera: from.option(Pinhole::decode)?,
-            picture: from.counts()?,
-            depth: from.plain()?,
-            world_from_camera: from.option(decode_pose)?,
-        })
-    }
+impl Content for CaptureFrame {
+    content_of_fields! { camera picture depth world_from_camera }
 }
 
 /// The name of the part that holds the pose of the frame in the world.
@@ -215,17 +196,6 @@ pub(super) fn counts<const N: usize>(
 pub(super) fn pose_of(parts: &Parts<'_>, name: &str) -> Result<Option<Matrix4<f64>>, PartsError> {
     let numbers = parts.find(ElementKind::Whole, name).map(Part::single::<16>).transpose()?;
     Ok(numbers.map(|numbers| Matrix4::from_column_slice(&numbers)))
-}
-
-/// Writes a motion from one frame to another.
-pub(super) fn encode_pose(to: &mut Encoder, pose: &Matrix4<f64>) {
-    let columns: [[f64; 4]; 4] = (*pose).into();
-    to.plain(&columns);
-}
-
-/// Reads what [`encode_pose`] wrote.
-pub(super) fn decode_pose(from: &mut Decoder<'_>) -> Result<Matrix4<f64>, DecodeError> {
-    from.plain::<[[f64; 4]; 4]>().map(Matrix4::from)
 }
 
 #[cfg(test)]

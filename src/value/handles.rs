@@ -5,10 +5,11 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::content::{Content, content_of_fields};
 use super::edge_cases::point_sets;
 use super::{
-    Arrows, Axes, Column, DecodeError, Decoder, ElementKind, Encoder, FactValue, Layer, Meaning,
-    Part, Parts, PartsError, Summary, Value,
+    Arrows, Axes, Column, DecodeError, Decoder, ElementKind, Encoder, Layer, Meaning, Part, Parts,
+    PartsError, Summary, Value,
 };
 
 /// A handle of a deformation: its position, its target, and the extent of its influence.
@@ -48,28 +49,25 @@ pub enum HandleSpace {
     World,
 }
 
-/// Error of building handles.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum HandlesError {
-    /// A position, a target, a deviation or a weight is NaN or infinite.
-    #[error("the {what} of handle {handle} is not finite")]
-    NotFinite {
-        /// The index of the handle, from 0.
-        handle: usize,
-        /// The wrong number: `position`, `target`, `deviation` or `weight`.
-        what: &'static str,
-    },
-    /// A deviation or a weight is not greater than 0.
-    #[error("the {what} of handle {handle} is {number}, expected a number greater than 0")]
-    NotPositive {
-        /// The index of the handle, from 0.
-        handle: usize,
-        /// The wrong number: `deviation` or `weight`.
-        what: &'static str,
-        /// The value of the wrong number.
-        number: f64,
-    },
+impl HandleSpace {
+    const ALL: [Self; 3] = [Self::Box, Self::Cube, Self::World];
 }
+
+impl Content for HandleSpace {
+    fn encode(&self, to: &mut Encoder) {
+        to.plain(&(*self as u8));
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let index: u8 = from.plain()?;
+        Self::ALL.get(usize::from(index)).copied().ok_or(DecodeError)
+    }
+}
+
+/// Error of building handles. Contains the message.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{0}")]
+pub struct HandlesError(String);
 
 /// A list of handles. The positions, deviations and weights are the *layout* of the handles. The targets are separate from the layout,
 /// because expensive computations depend only on the layout.
@@ -201,11 +199,13 @@ fn check(handle: usize, given: &Handle) -> Result<(), HandlesError> {
         ("weight", &[given.weight]),
     ];
     if let Some((what, _)) = lists.iter().find(|(_, numbers)| !finite(numbers)) {
-        return Err(HandlesError::NotFinite { handle, what });
+        return Err(HandlesError(format!("the {what} of handle {handle} is not finite")));
     }
     for (what, numbers) in &lists[2..] {
         if let Some(&number) = numbers.iter().find(|x| **x <= 0.0) {
-            return Err(HandlesError::NotPositive { handle, what, number });
+            return Err(HandlesError(format!(
+                "the {what} of handle {handle} is {number}, expected a number greater than 0"
+            )));
         }
     }
     Ok(())
@@ -214,33 +214,7 @@ fn check(handle: usize, given: &Handle) -> Result<(), HandlesError> {
 impl Value for Handles {
     const NAME: &'static str = "Handles";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.plain(&(self.space as u8))
-            .column(&self.at)
-            .column(&self.to)
-            .column(&self.sigma)
-            .column(&self.weight);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let space = match from.plain::<u8>()? {
-            0 => HandleSpace::Box,
-            1 => HandleSpace::Cube,
-            2 => HandleSpace::World,
-            _ => return Err(DecodeError),
-        };
-        Ok(Self {
-            space,
-            at: from.column()?,
-            to: from.column()?,
-            sigma: from.column()?,
-            weight: from.column()?,
-        })
-    }
-
-    fn size(&self) -> usize {
-        self.at.size() + self.to.size() + self.sigma.size() + self.weight.size()
-    }
+    content_of_fields! { space at to sigma weight }
 
     fn describe(&self) -> Summary {
         let moved = self.at.iter().zip(self.to.iter()).filter(|(at, to)| at != to);
@@ -269,12 +243,10 @@ impl Value for Handles {
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         let space = match parts.fact_of("space") {
             None => HandleSpace::default(),
-            Some(FactValue::Text(word)) if word == "Box" => HandleSpace::Box,
-            Some(FactValue::Text(word)) if word == "Cube" => HandleSpace::Cube,
-            Some(FactValue::Text(word)) if word == "World" => HandleSpace::World,
-            Some(_) => {
-                let expected = "Box, Cube or World";
-                return Err(PartsError::Fact { fact: "space".into(), expected });
+            Some(fact) => {
+                let found =
+                    HandleSpace::ALL.into_iter().find(|it| *fact == format!("{it:?}").into());
+                found.ok_or_else(|| PartsError::wrong_fact("space", "Box, Cube or World"))?
             }
         };
         let at = parts.require("at", 3)?.elements::<3>()?;
@@ -320,8 +292,10 @@ impl Value for Handles {
                     .collect::<Vec<_>>()
             })
         });
-        let spaces = [HandleSpace::Box, HandleSpace::Cube, HandleSpace::World];
-        lists.flat_map(|list| spaces.map(|space| Self::new(space, &list))).flatten().collect()
+        lists
+            .flat_map(|list| HandleSpace::ALL.map(|space| Self::new(space, &list)))
+            .flatten()
+            .collect()
     }
 }
 

@@ -8,12 +8,9 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use thiserror::Error;
 
-use super::{
-    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Pinhole, Property,
-    Summary, Value, Violation, Wrap,
-};
+use super::{Column, Pinhole, Wrap};
 
-mod parts;
+mod value;
 
 /// Error of a list whose length does not match the size of a picture or grid.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -136,78 +133,6 @@ impl Image {
             .map(|at| self.pixel(at).map(f64::from));
         [0, 1, 2]
             .map(|k| (a[k] * (1.0 - x) + b[k] * x) * (1.0 - y) + (c[k] * (1.0 - x) + d[k] * x) * y)
-    }
-}
-
-impl Value for Image {
-    const NAME: &'static str = "Image";
-
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.width, self.height])
-            .column(&self.pixels)
-            .option(self.camera.as_ref(), |to, camera| camera.encode(to));
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [width, height] = from.counts()?;
-        let pixels = from.column()?;
-        Ok(Self { width, height, pixels, camera: from.option(Pinhole::decode)? })
-    }
-
-    fn properties() -> &'static [Property<Self>] {
-        const PROPERTIES: &[Property<Image>] =
-            &[Property::new("NonEmpty", "It has pixels.", |value| {
-                value.pixels().is_empty().then(|| Violation::lack_of("pixels"))
-            })];
-        PROPERTIES
-    }
-
-    fn size(&self) -> usize {
-        self.pixels.size()
-    }
-
-    fn describe(&self) -> Summary {
-        let count = self.pixels.len().max(1) as f64;
-        let mean = [0, 1, 2].map(|k| {
-            (self.pixels.iter().map(|pixel| f64::from(pixel[k])).sum::<f64>() / count).round()
-        });
-        Summary::default()
-            .with_fact("size", format!("{} x {}", self.width, self.height))
-            .with_fact("mean color", Color(mean.map(|channel| channel as u8)).to_string())
-            .with_histogram(
-                "lightness",
-                self.pixels.iter().map(|&p| f64::from(Lab::from_srgb(p).l)),
-            )
-    }
-
-    fn probe(&self, [column, row]: [usize; 2]) -> Summary {
-        if self.width <= column || self.height <= row {
-            return Summary::default();
-        }
-        let color = Color(self.pixel([column, row]));
-        let lab = color.lab();
-        let rounded = [lab.l, lab.a, lab.b].map(|x| (f64::from(x) * 10.0).round() / 10.0);
-        Summary::default().with_fact("sRGB", color.to_string()).with_fact("Lab", rounded.to_vec())
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        parts::parts(self)
-    }
-
-    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        parts::made_of(parts)
-    }
-
-    fn show(&self) -> Vec<Layer> {
-        parts::show(self)
-    }
-
-    fn as_mesh(&self) -> Option<Mesh> {
-        None
-    }
-
-    fn edge_cases() -> Vec<Self> {
-        parts::edge_cases()
     }
 }
 

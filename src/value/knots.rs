@@ -2,10 +2,8 @@
 
 use thiserror::Error;
 
-use super::{
-    Column, DecodeError, Decoder, ElementKind, Encoder, Layer, Meaning, Parts, PartsError, Series,
-    Summary, Value,
-};
+use super::content::content_of_fields;
+use super::{Column, ElementKind, Layer, Meaning, Parts, PartsError, Series, Summary, Value};
 
 mod basis;
 mod change;
@@ -17,14 +15,6 @@ pub use change::KnotChange;
 /// Error of building or changing a knot vector.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum KnotVectorError {
-    /// A knot is less than its predecessor, NaN, or infinite.
-    #[error("knot {index} is {knot}: knots are finite and never decrease")]
-    Decreasing {
-        /// The index of the invalid knot.
-        index: usize,
-        /// The value of the invalid knot.
-        knot: f64,
-    },
     /// The degree is out of range.
     #[error("degree {degree} is not from 1 to 9")]
     Degree {
@@ -41,34 +31,9 @@ pub enum KnotVectorError {
         /// The minimum number of knots: 2 (degree + 1).
         min: usize,
     },
-    /// A knot is repeated too often.
-    #[error("knot {knot} is repeated {count} times; at most {max} are allowed there")]
-    Multiplicity {
-        /// The value of the repeated knot.
-        knot: f64,
-        /// The number of repetitions.
-        count: usize,
-        /// The maximum number of repetitions: degree + 1 at an end of the domain, degree inside the domain.
-        max: usize,
-    },
-    /// A parameter is not inside the domain.
-    #[error("{u} is not inside the domain from {start} to {end}")]
-    Outside {
-        /// The parameter that is not inside the domain.
-        u: f64,
-        /// The first parameter of the domain.
-        start: f64,
-        /// The last parameter of the domain.
-        end: f64,
-    },
-    /// The domain is empty.
-    #[error("the domain from {start} to {end} is empty")]
-    EmptyDomain {
-        /// The first knot of the domain.
-        start: f64,
-        /// The last knot of the domain.
-        end: f64,
-    },
+    /// Any other violation of the invariant; contains the message.
+    #[error("{0}")]
+    Invalid(String),
 }
 
 /// The knot vector of a B-spline: the parameters at which its polynomial pieces meet. Order = degree + 1; a B-spline of n + 1 control
@@ -99,19 +64,24 @@ impl KnotVector {
         let mut before = f64::NEG_INFINITY;
         for (index, &knot) in knots.iter().enumerate() {
             if !knot.is_finite() || knot < before {
-                return Err(KnotVectorError::Decreasing { index, knot });
+                let why = format!("knot {index} is {knot}: knots are finite and never decrease");
+                return Err(KnotVectorError::Invalid(why));
             }
             before = knot;
         }
         let (start, end) = (knots[degree], knots[knots.len() - degree - 1]);
         if end <= start {
-            return Err(KnotVectorError::EmptyDomain { start, end });
+            let why = format!("the domain from {start} to {end} is empty");
+            return Err(KnotVectorError::Invalid(why));
         }
         for run in knots.chunk_by(|a, b| a == b) {
             let inside = start < run[0] && run[0] < end;
             let max = if inside { degree } else { degree + 1 };
             if run.len() > max {
-                return Err(KnotVectorError::Multiplicity { knot: run[0], count: run.len(), max });
+                let (knot, count) = (run[0], run.len());
+                return Err(KnotVectorError::Invalid(format!(
+                    "knot {knot} is repeated {count} times; at most {max} are allowed there"
+                )));
             }
         }
         Ok(Self { degree, knots: knots.into() })
@@ -130,6 +100,12 @@ impl KnotVector {
     /// The number of control points of a B-spline with these knots.
     pub fn n_control(&self) -> usize {
         self.knots.len() - self.degree - 1
+    }
+
+    /// The spans of the domain that are not empty, in order: the index of the first knot of each, and the two knots.
+    pub(super) fn spans(&self) -> impl Iterator<Item = (usize, [f64; 2])> {
+        let spans = self.knots.array_windows::<2>().enumerate().take(self.n_control());
+        spans.skip(self.degree).filter(|(_, [start, end])| start < end).map(|(k, span)| (k, *span))
     }
 
     /// The first and last parameter of the B-spline.
@@ -159,18 +135,7 @@ impl KnotVector {
 impl Value for KnotVector {
     const NAME: &'static str = "KnotVector";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.degree]).column(&self.knots);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [degree] = from.counts()?;
-        Ok(Self { degree, knots: from.column()? })
-    }
-
-    fn size(&self) -> usize {
-        self.knots.size()
-    }
+    content_of_fields! { degree knots }
 
     fn describe(&self) -> Summary {
         Summary::default()
@@ -217,24 +182,17 @@ mod tests {
         }
         assert!(matches!(error_of(0, &[0., 1.]), KnotVectorError::Degree { .. }));
         assert!(matches!(error_of(2, &[0., 0., 0., 1., 1.]), KnotVectorError::TooFew { .. }));
-        assert!(matches!(
-            error_of(1, &[0., 0., 2., 1.]),
-            KnotVectorError::Decreasing { index: 3, .. }
-        ));
-        assert!(matches!(
-            error_of(1, &[0., 0., f64::NAN, 1.]),
-            KnotVectorError::Decreasing { index: 2, .. }
-        ));
-        assert!(matches!(error_of(1, &[1., 1., 1., 1.]), KnotVectorError::EmptyDomain { .. }));
+        fn check(degree: usize, knots: &[f64], expected: &str) {
+            assert_eq!(error_of(degree, knots).to_string(), expected);
+        }
+        check(1, &[0., 0., 2., 1.], "knot 3 is 1: knots are finite and never decrease");
+        check(1, &[0., 0., f64::NAN, 1.], "knot 2 is NaN: knots are finite and never decrease");
+        check(1, &[1., 1., 1., 1.], "the domain from 1 to 1 is empty");
         // An end knot that is repeated four times at degree 2 caused a division by zero in other libraries.
-        assert!(matches!(
-            error_of(2, &[0., 0., 0., 0., 1., 1., 1.]),
-            KnotVectorError::Multiplicity { count: 4, max: 3, .. }
-        ));
-        assert!(matches!(
-            error_of(2, &[0., 0., 0., 1., 1., 1., 2., 2., 2.]),
-            KnotVectorError::Multiplicity { count: 3, max: 2, .. }
-        ));
+        let repeated = "knot 0 is repeated 4 times; at most 3 are allowed there";
+        check(2, &[0., 0., 0., 0., 1., 1., 1.], repeated);
+        let repeated = "knot 1 is repeated 3 times; at most 2 are allowed there";
+        check(2, &[0., 0., 0., 1., 1., 1., 2., 2., 2.], repeated);
     }
 
     #[test]

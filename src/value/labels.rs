@@ -6,15 +6,12 @@ use std::sync::Arc;
 use thiserror::Error;
 
 use super::image::{SizeError, check_size};
-use super::{
-    Column, DecodeError, Decoder, Elements, Encoder, Layer, Mask, Mesh, Parts, PartsError,
-    Property, Summary, Value, Violation, value_type,
-};
+use super::{Column, Mask};
 use crate::memory::huge_vec;
 use crate::parallel::*;
 
 mod elements;
-mod parts;
+mod value;
 
 use elements::Component;
 
@@ -74,26 +71,10 @@ pub struct LabelRun {
     pub label: u32,
 }
 
-/// Error of building labels from runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-pub enum LabelsError {
-    /// A run is empty, outside of the picture, or not after the previous run.
-    #[error("run {run} is empty, outside of the picture, or not after the previous run")]
-    Place {
-        /// The index of the invalid run.
-        run: usize,
-    },
-    /// The label of a run skips a number.
-    #[error("run {run} has label {label}, but only {components} components come before it")]
-    Label {
-        /// The index of the run with that label.
-        run: usize,
-        /// The label that skips a number.
-        label: u32,
-        /// The number of components in the runs before that run.
-        components: usize,
-    },
-}
+/// Error of building labels from runs. Contains the message.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{0}")]
+pub struct LabelsError(String);
 
 /// The number of rows per parallel task, which is enough work to outweigh the cost of a task.
 const STRIP_ROWS: usize = 64;
@@ -118,17 +99,20 @@ impl Labels {
     /// If a run is empty or outside of the picture, or starts before the end of the previous run, or if its label is 0 or skips a number.
     pub fn from_runs(width: usize, height: usize, runs: &[LabelRun]) -> Result<Self, LabelsError> {
         let (mut behind, mut components) = ((0, 0), 0);
-        for (index, run) in runs.iter().enumerate() {
-            let inside = (run.row as usize) < height && run.end as usize <= width;
-            if !inside || run.end <= run.start || (run.row, run.start) < behind {
-                return Err(LabelsError::Place { run: index });
+        for (run, &LabelRun { row, start, end, label }) in runs.iter().enumerate() {
+            let inside = (row as usize) < height && end as usize <= width;
+            if !inside || end <= start || (row, start) < behind {
+                return Err(LabelsError(format!(
+                    "run {run} is empty, outside of the picture, or not after the previous run"
+                )));
             }
-            if run.label == 0 || components + 1 < run.label {
-                let (label, components) = (run.label, components as usize);
-                return Err(LabelsError::Label { run: index, label, components });
+            if label == 0 || components + 1 < label {
+                return Err(LabelsError(format!(
+                    "run {run} has label {label}, but only {components} components come before it"
+                )));
             }
-            behind = (run.row, run.end);
-            components = components.max(run.label);
+            behind = (row, end);
+            components = components.max(label);
         }
         Ok(Self::assemble(width, height, huge_vec(width * height), runs))
     }
@@ -278,90 +262,6 @@ fn statistics(width: usize, height: usize, runs: &[LabelRun]) -> Vec<LabelStatis
     statistics
 }
 
-impl Value for Labels {
-    const NAME: &'static str = "Labels";
-
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.width, self.height]);
-        match &self.pixels {
-            Pixels::All(pixels) => to.column(pixels),
-            Pixels::Component(component) => {
-                to.column_of_hash(component.hash(), || component.pixels().clone())
-            }
-        };
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [width, height] = from.counts()?;
-        let pixels: Column<u32> = from.column()?;
-        let statistics = statistics(width, height, &runs_of(width, &pixels));
-        Ok(Self { width, height, pixels: Pixels::All(pixels), statistics })
-    }
-
-    fn properties() -> &'static [Property<Self>] {
-        const PROPERTIES: &[Property<Labels>] =
-            &[Property::new("NonEmpty", "There is a labelled component.", |value| {
-                value.statistics().is_empty().then(|| Violation::lack_of("label"))
-            })];
-        PROPERTIES
-    }
-
-    fn size(&self) -> usize {
-        let pixels = match &self.pixels {
-            Pixels::All(pixels) => pixels.size(),
-            Pixels::Component(component) => component.size(),
-        };
-        pixels + size_of_val(&self.statistics[..])
-    }
-
-    fn describe(&self) -> Summary {
-        let summary = Summary::default()
-            .with_fact("size", format!("{} x {}", self.width, self.height))
-            .with_fact("components", self.statistics.len());
-        self.by_area().into_iter().take(8).fold(summary, |summary, label| {
-            let component = &self.statistics[label as usize - 1];
-            let ([left, top], [right, bottom]) = (component.low, component.high);
-            let [x, y] = component.centroid;
-            let fact = format!(
-                "{} pixels in ({left}, {top})-({right}, {bottom}), center ({x:.1}, {y:.1})",
-                component.area
-            );
-            summary.with_fact(&format!("label {label}"), fact)
-        })
-    }
-
-    fn probe(&self, at: [usize; 2]) -> Summary {
-        Summary::default().with_fact("label", self.label(at))
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        parts::parts(self)
-    }
-
-    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        parts::made_of(parts)
-    }
-
-    /// Splits labels into components: for each component, labels of the whole picture in which that component has the label 1 and all else
-    /// is background.
-    fn elements() -> Vec<Elements<Self>> {
-        let kind = value_type::<Self>();
-        vec![Elements { word: "", name: "components", kind, cut: elements::cut }]
-    }
-
-    fn show(&self) -> Vec<Layer> {
-        parts::show(self)
-    }
-
-    fn as_mesh(&self) -> Option<Mesh> {
-        None
-    }
-
-    fn edge_cases() -> Vec<Self> {
-        parts::edge_cases()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -413,9 +313,11 @@ mod tests {
             (vec![LabelRun { row: 1, ..run(0, 1, 1) }], 0),
         ] {
             let error = Labels::from_runs(3, 1, &runs);
-            assert_eq!(error, Err(LabelsError::Place { run: first_wrong }));
+            let wrong = "is empty, outside of the picture, or not after the previous run";
+            assert_eq!(error, Err(LabelsError(format!("run {first_wrong} {wrong}"))));
         }
-        let wrong = LabelsError::Label { run: 1, label: 3, components: 1 };
-        assert_eq!(Labels::from_runs(3, 1, &[run(0, 1, 1), run(2, 3, 3)]), Err(wrong));
+        let wrong = "run 1 has label 3, but only 1 components come before it";
+        let error = Labels::from_runs(3, 1, &[run(0, 1, 1), run(2, 3, 3)]);
+        assert_eq!(error, Err(LabelsError(wrong.into())));
     }
 }

@@ -20,6 +20,7 @@ pub mod simd;
 mod attributes;
 mod boxes;
 mod column;
+mod content;
 mod control_net;
 mod counts;
 mod curve;

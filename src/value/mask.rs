@@ -1,10 +1,11 @@
 //! Masks: sets of pixels.
 
-use super::edge_cases::SIZES;
+use super::content::content_of_fields;
+use super::edge_cases::uniform_pictures;
 use super::image::{SizeError, check_size};
 use super::{
-    Column, DecodeError, Decoder, ElementKind, Encoder, Image, Layer, Meaning, Mesh, Parts,
-    PartsError, Picture, Property, Rgb, Summary, Value, Violation,
+    Column, ElementKind, Image, Layer, Meaning, Mesh, Parts, PartsError, Picture, Property, Rgb,
+    Summary, Value, Violation,
 };
 use crate::parallel::*;
 
@@ -98,25 +99,14 @@ impl Mask {
 impl Value for Mask {
     const NAME: &'static str = "Mask";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.width, self.height]).column(&self.pixels);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [width, height] = from.counts()?;
-        Ok(Self { width, height, pixels: from.column()? })
-    }
+    content_of_fields! { width height pixels }
 
     fn properties() -> &'static [Property<Self>] {
-        const PROPERTIES: &[Property<Mask>] =
-            &[Property::new("NonEmpty", "A pixel is inside.", |value| {
+        const {
+            &[Property::new("NonEmpty", "A pixel is inside.", |value: &Self| {
                 value.is_empty().then(|| Violation::lack_of("pixel inside"))
-            })];
-        PROPERTIES
-    }
-
-    fn size(&self) -> usize {
-        self.pixels.size()
+            })]
+        }
     }
 
     fn describe(&self) -> Summary {
@@ -155,10 +145,7 @@ impl Value for Mask {
     }
 
     fn edge_cases() -> Vec<Self> {
-        fn mask([width, height]: [usize; 2], inside: u8) -> Result<Mask, SizeError> {
-            Mask::new(width, height, vec![inside; width * height])
-        }
-        SIZES.into_iter().flat_map(|size| [mask(size, 0), mask(size, 1)]).flatten().collect()
+        uniform_pictures(&[0, 1], Self::new)
     }
 }
 

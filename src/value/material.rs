@@ -1,9 +1,11 @@
 //! Materials: colors, textures and reflection of faces.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::content::Content;
 use super::{Column, DecodeError, Decoder, Encoder, Image, Rgb, Value, srgb_from_linear};
 
 /// The material of faces. Its fields are those of the metallic-roughness model of the Khronos Group, "glTF 2.0 Specification" (2021),
@@ -210,11 +212,8 @@ impl Material {
             Transparency::Cutoff(cutoff) => (1, cutoff),
             Transparency::Blend => (2, 0.0),
         };
-        to.text(&self.name)
-            .option(self.picture.as_ref(), |to, picture| {
-                to.value(picture);
-            })
-            .plain(&self.base_color)
+        self.picture.encode(to.text(&self.name));
+        to.plain(&self.base_color)
             .plain(&[self.metallic, self.roughness, cutoff])
             .plain(&self.emissive)
             .plain(&[kind, u8::from(self.is_double_sided), u8::from(self.has_vertex_colors)])
@@ -387,38 +386,39 @@ impl Wrap {
     }
 }
 
-/// Writes the materials of a mesh. If the only material is a plain picture, only the picture is written.
-pub(super) fn encode(materials: &[Material], to: &mut Encoder) {
-    let picture = match materials {
-        [] => None,
-        [only] if only.is_plain() && only.picture.is_some() => only.picture.as_ref(),
-        _ => {
-            to.plain(&SEVERAL).counts(&[materials.len()]);
-            return materials.iter().for_each(|material| material.encode(to));
-        }
-    };
-    to.option(picture, |to, picture| {
-        to.value(picture);
-    });
-}
-
 /// The tag of a list of materials. The other tags are 0 for no picture, and 1 for a single picture.
 const SEVERAL: u8 = 2;
 
-pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Vec<Material>, DecodeError> {
-    match from.plain::<u8>()? {
-        SEVERAL => {
-            let [count] = from.counts()?;
-            (0..count).map(|_| Material::decode(from)).collect()
-        }
-        1 => Ok(vec![Material::from_picture(from.value()?)]),
-        _ => Ok(Vec::new()),
+/// The materials of a mesh. If the only material is a plain picture, only the picture is written.
+impl Content for Arc<[Material]> {
+    fn encode(&self, to: &mut Encoder) {
+        let picture = match &self[..] {
+            [] => None,
+            [only] if only.is_plain() && only.picture.is_some() => only.picture.as_ref(),
+            _ => {
+                to.plain(&SEVERAL).counts(&[self.len()]);
+                return self.iter().for_each(|material| material.encode(to));
+            }
+        };
+        to.option(picture, |to, picture| {
+            to.value(picture);
+        });
     }
-}
 
-/// The size of the materials in bytes.
-pub(super) fn size(materials: &[Material]) -> usize {
-    materials.iter().map(Material::size).sum()
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        match from.plain::<u8>()? {
+            SEVERAL => {
+                let [count] = from.counts()?;
+                (0..count).map(|_| Material::decode(from)).collect()
+            }
+            1 => Ok([Material::from_picture(from.value()?)].into()),
+            _ => Ok(Self::default()),
+        }
+    }
+
+    fn size(&self) -> usize {
+        self.iter().map(Material::size).sum()
+    }
 }
 
 #[cfg(test)]

@@ -1,9 +1,6 @@
 //! Memos: intermediate results that nodes cache between evaluations. A memo is never the value of a link.
 
-use std::any::Any;
-use std::sync::Arc;
-
-use super::{AnyValue, DecodeError, Encoder, Hash, Parts, PartsError, Summary, ValueType};
+use super::{AnyValue, Encoder, Hash, Parts, Summary, Value};
 
 /// An intermediate result that `Context::memo` caches, such as a plan, a tree or the factors of a matrix, with the key to look it up. A
 /// memo is not a value of a graph: it is kept only in memory, and cannot be shown. Reading it back from disk would take as long as
@@ -25,38 +22,38 @@ pub fn hash_of_memo<T: Memo>(memo: &T) -> Hash {
     Encoder::hash(T::NAME, |to| memo.encode(to))
 }
 
-struct TypeOf<T>(std::marker::PhantomData<T>);
+/// A memo as a value, so that the cache of results can store it like any other value.
+#[derive(Clone)]
+struct MemoValue<T>(T);
 
-/// The value type of a memo. It lets the cache of results store a memo like any other value; of its functions, the cache calls only `size`.
-impl<T: Memo> TypeOf<T> {
-    const TYPE: ValueType = ValueType {
-        name: T::NAME,
-        describe: |_| Summary::default(),
-        probe: |_, _| Summary::default(),
-        size: |memo| memo.downcast_ref::<T>().map_or(0, Memo::size),
-        encode: |_| super::EncodedValue { bytes: Vec::new(), columns: Vec::new(), is_intact: true },
-        decode: |_, _, _| Err(DecodeError),
-        parts: |_| Parts::default(),
-        from_parts: |_| Err(PartsError::Never { kind: T::NAME }),
-        show: |_| Vec::new(),
-        as_mesh: |_| None,
-        elements: Vec::new,
-        cut: |_, _, _, _| None,
-        edge_cases: Vec::new,
-        properties: Vec::new,
-        violation: |_, _| None,
-    };
+impl<T: Memo> Value for MemoValue<T> {
+    const NAME: &'static str = T::NAME;
+
+    fn encode(&self, to: &mut Encoder) {
+        self.0.encode(to);
+    }
+
+    fn size(&self) -> usize {
+        self.0.size()
+    }
+
+    fn describe(&self) -> Summary {
+        Summary::default()
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        Parts::default()
+    }
 }
 
 impl AnyValue {
     /// Wraps a memo for the cache.
     pub fn from_memo<T: Memo>(memo: T) -> Self {
-        let hash = hash_of_memo(&memo);
-        Self { kind: &TypeOf::<T>::TYPE, hash, value: Arc::new(memo) }
+        Self::new(MemoValue(memo))
     }
 
     /// Returns the memo as a `T`, or `None` if it has another type.
-    pub fn memo<T: Any>(&self) -> Option<&T> {
-        self.value.downcast_ref()
+    pub fn memo<T: Memo>(&self) -> Option<&T> {
+        self.get::<MemoValue<T>>().map(|memo| &memo.0)
     }
 }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 
 use super::{
@@ -12,15 +12,14 @@ use super::{
 
 mod crossings;
 mod derived;
-mod describe;
 mod diff;
 mod elements;
 mod faces;
 mod nearest;
 mod normals;
-mod parts;
 mod properties;
 mod triangles;
+mod value;
 mod walls;
 
 use derived::DerivedData;
@@ -32,62 +31,6 @@ pub use walls::Backing;
 /// Error of building a mesh.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum MeshError {
-    /// A face has fewer than three corners.
-    #[error("face {face} has {corners} corners; a face has at least 3")]
-    FewCorners {
-        /// The index of the face that has too few corners.
-        face: usize,
-        /// The number of corners of that face.
-        corners: usize,
-    },
-    /// The number of corners is not a multiple of the number of corners per face, or not the sum of the faces' numbers of corners.
-    #[error("{corners} corners do not make faces of {sides} corners each")]
-    CutOff {
-        /// The number of corners of all faces together.
-        corners: usize,
-        /// The number of corners per face. 0 if the faces have different numbers of corners.
-        sides: usize,
-    },
-    /// A corner refers to a vertex that does not exist.
-    #[error("face {face} refers to vertex {vertex}, but there are only {vertices}")]
-    NoVertex {
-        /// The index of the face with the invalid corner.
-        face: usize,
-        /// The index to which the corner refers.
-        vertex: u32,
-        /// The number of vertices of the mesh.
-        vertices: usize,
-    },
-    /// A face contains a vertex twice.
-    #[error("face {face} contains vertex {vertex} twice")]
-    RepeatedVertex {
-        /// The index of the face that contains the vertex twice.
-        face: usize,
-        /// The index of the repeated vertex.
-        vertex: u32,
-    },
-    /// A position is NaN or infinite.
-    #[error("the position of vertex {vertex} is not finite")]
-    NotFinite {
-        /// The index of the vertex whose position is not finite.
-        vertex: usize,
-    },
-    /// A crease refers to a vertex that does not exist.
-    #[error("a crease refers to vertex {vertex}, but there are only {vertices}")]
-    NoCreasedVertex {
-        /// The index to which the crease refers.
-        vertex: u32,
-        /// The number of vertices of the mesh.
-        vertices: usize,
-    },
-    /// The sharpness of a crease is negative or NaN.
-    #[error("the crease between vertices {} and {} has the sharpness {sharpness}, expected a number of at least 0", ends[0], ends[1])]
-    Sharpness {
-        /// The vertices at the two ends of the crease.
-        ends: [u32; 2],
-        /// The invalid sharpness of the crease.
-        sharpness: f64,
-    },
     /// An attribute has the wrong length, or a number that is not finite.
     #[error(transparent)]
     Attribute(#[from] AttributeError),
@@ -99,6 +42,15 @@ pub enum MeshError {
         /// The number of elements of that kind.
         count: usize,
     },
+    /// Any other violation of the invariant; contains the message.
+    #[error("{0}")]
+    Invalid(String),
+}
+
+impl MeshError {
+    fn not_finite(vertex: usize) -> Self {
+        Self::Invalid(format!("the position of vertex {vertex} is not finite"))
+    }
 }
 
 fn check_count(what: &'static str, count: usize) -> Result<(), MeshError> {
@@ -160,11 +112,7 @@ impl Mesh {
     /// # Errors
     /// If the number of positions differs from the number of vertices, or a position is not finite.
     pub fn with_positions(&self, positions: Vec<Point3<f64>>) -> Result<Self, MeshError> {
-        if positions.len() != self.positions.len() {
-            let (count, elements) = (positions.len(), self.positions.len());
-            let error = AttributeError::Length { name: "position".into(), count, elements };
-            return Err(error.into());
-        }
+        AttributeError::check_len("position", positions.len(), self.positions.len())?;
         check_positions(&positions)?;
         let derived = self.derived.after_moving_all();
         let mut moved = Self { positions: positions.into(), derived, ..self.clone() };
@@ -188,7 +136,7 @@ impl Mesh {
     ) -> Result<Self, MeshError> {
         if let Some(bad) = super::first_not_finite(positions) {
             let vertex = rows.iter().cloned().flatten().nth(bad).unwrap_or_default() as usize;
-            return Err(MeshError::NotFinite { vertex });
+            return Err(MeshError::not_finite(vertex));
         }
         Ok(self.with_other(self.positions.with_rows(rows, positions), rows))
     }
@@ -211,7 +159,7 @@ impl Mesh {
             let first = row.start as usize;
             super::first_not_finite(&positions[first..row.end as usize]).map(|bad| first + bad)
         }) {
-            return Err(MeshError::NotFinite { vertex });
+            return Err(MeshError::not_finite(vertex));
         }
         Ok(self.with_other(positions, rows))
     }
@@ -282,10 +230,15 @@ impl Mesh {
         for &Crease { vertices: ends, sharpness } in &creases {
             let (vertex, vertices) = (ends[1], self.positions.len());
             if vertices <= vertex as usize {
-                return Err(MeshError::NoCreasedVertex { vertex, vertices });
+                return Err(MeshError::Invalid(format!(
+                    "a crease refers to vertex {vertex}, but there are only {vertices}"
+                )));
             }
             if sharpness.is_nan() || sharpness < 0.0 {
-                return Err(MeshError::Sharpness { ends, sharpness });
+                return Err(MeshError::Invalid(format!(
+                    "the crease between vertices {} and {} has the sharpness {sharpness}, expected a number of at least 0",
+                    ends[0], ends[1]
+                )));
             }
         }
         creases.sort_by_key(|crease| crease.vertices);
@@ -401,7 +354,7 @@ const BLOCK: usize = 8192;
 
 fn check_positions(positions: &[Point3<f64>]) -> Result<(), MeshError> {
     let bad = super::first_not_finite(positions);
-    bad.map_or(Ok(()), |vertex| Err(MeshError::NotFinite { vertex }))
+    bad.map_or(Ok(()), |vertex| Err(MeshError::not_finite(vertex)))
 }
 
 /// The minimum and maximum coordinates; `None` without points.
@@ -412,6 +365,21 @@ pub fn bounds<'a>(
     Some(points.fold((first, first), |(low, high), point| {
         (low.coords.inf(&point.coords).into(), high.coords.sup(&point.coords).into())
     }))
+}
+
+/// The length of the diagonal of the bounding box of some points.
+pub(super) fn diagonal(points: &[Point3<f64>]) -> f64 {
+    bounds(points.iter()).map_or(0.0, |(low, high)| (high - low).norm())
+}
+
+/// The distance from a point to the bounding box of some points.
+pub(super) fn distance_from_box<'a>(
+    to: Point3<f64>,
+    points: impl Iterator<Item = &'a Point3<f64>>,
+) -> f64 {
+    bounds(points).map_or(f64::INFINITY, |(low, high)| {
+        (low - to).sup(&(to - high)).sup(&Vector3::zeros()).norm()
+    })
 }
 
 /// Adds the bounding box of some points to a summary.
@@ -429,9 +397,23 @@ pub(super) fn describe_bounds<'a>(
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector3;
-
     use super::*;
+
+    /// A sheet of `width` x `height` vertices, whose faces have 3 or 4 sides. `z` gives the height of each vertex.
+    pub(super) fn sheet([width, height]: [u32; 2], sides: usize, z: impl Fn(u32) -> f64) -> Mesh {
+        let points = (0..width * height)
+            .map(|k| Point3::new(f64::from(k % width), f64::from(k / width), z(k)));
+        let cells = (0..height - 1).flat_map(|row| (0..width - 1).map(move |k| row * width + k));
+        let corners = cells.flat_map(|a: u32| {
+            let below = a + width;
+            match sides {
+                3 => vec![a, a + 1, below, a + 1, below + 1, below],
+                _ => vec![a, a + 1, below + 1, below],
+            }
+        });
+        let faces = Faces::uniform(sides, corners.collect::<Vec<_>>()).unwrap();
+        Mesh::new(points.collect::<Vec<_>>(), faces).unwrap()
+    }
 
     fn quad_and_triangle() -> Mesh {
         fn point_xy(x: f64, y: f64) -> Point3<f64> {
@@ -468,17 +450,7 @@ mod tests {
 
     #[test]
     fn normals_are_the_same_for_any_number_of_threads() {
-        let (width, height) = (150u32, 140u32);
-        let positions = (0..width * height)
-            .map(|k| Point3::new(f64::from(k % width), f64::from(k / width), f64::from(k * k % 7)));
-        let quads =
-            (0..height - 1).flat_map(|row| (0..width - 1).map(move |column| row * width + column));
-        let triangles = Faces::triangles(
-            quads
-                .flat_map(|a: u32| [[a, a + 1, a + width], [a + 1, a + width + 1, a + width]])
-                .collect(),
-        );
-        let mesh = Mesh::new(positions.collect::<Vec<_>>(), triangles).unwrap();
+        let mesh = sheet([150, 140], 3, |k| f64::from(k * k % 7));
         fn normals(threads: usize, mesh: &Mesh) -> Vec<Vector3<f64>> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| mesh.vertex_normals())
@@ -504,7 +476,7 @@ mod tests {
         let mut corners: Vec<u32> = (0..count).collect();
         (corners[70], corners[90]) = (50, 7);
         let error = Mesh::new(points, face(corners)).unwrap_err();
-        assert_eq!(error, MeshError::RepeatedVertex { face: 0, vertex: 50 });
+        assert_eq!(error.to_string(), "face 0 contains vertex 50 twice");
     }
 
     #[test]
@@ -533,14 +505,11 @@ mod tests {
         fn triangle(face: [u32; 3]) -> Faces {
             Faces::triangles(vec![face])
         }
-        assert!(matches!(
-            Mesh::new(points(2), triangle([0, 1, 2])),
-            Err(MeshError::NoVertex { vertex: 2, .. })
-        ));
-        assert!(matches!(
-            Mesh::new(points(3), triangle([0, 1, 1])),
-            Err(MeshError::RepeatedVertex { vertex: 1, .. })
-        ));
+        fn error(count: usize, face: [u32; 3]) -> String {
+            Mesh::new(points(count), triangle(face)).unwrap_err().to_string()
+        }
+        assert_eq!(error(2, [0, 1, 2]), "face 0 refers to vertex 2, but there are only 2");
+        assert_eq!(error(3, [0, 1, 1]), "face 0 contains vertex 1 twice");
         assert!(Faces::uniform(3, vec![0, 1]).is_err());
         assert!(Faces::polygons(&[2], vec![0, 1]).is_err());
         let nowhere = vec![Point3::new(f64::NAN, 0.0, 0.0); 3];

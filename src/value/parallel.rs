@@ -24,13 +24,11 @@ mod adaptors;
 mod collect;
 mod sources;
 
-pub use adaptors::{
-    Copied, Enumerate, Filter, FilterMap, FlatMap, Map, MapInit, MapInitPart, MinLen, Zip,
-};
+pub use adaptors::{Adapted, Zip};
 pub use collect::FromParallel;
 pub use sources::{
     Chunks, ChunksMut, IntoParallel, Items, ItemsMut, Numbers, ParallelSlice, ParallelSliceMut,
-    VecItems, Windows,
+    VecItems,
 };
 
 /// The maximum number of parts of a loop: enough parts that no thread waits long for the last one, and few enough that they are distributed
@@ -65,47 +63,57 @@ pub trait Parallel: Sized + Send {
     }
 
     /// Maps each item by `f`.
-    fn map<T: Send, F: Fn(Self::Item) -> T + Copy + Send>(self, f: F) -> Map<Self, F> {
-        Map { items: self, f }
+    fn map<T, F>(self, f: F) -> impl Parallel<Item = T>
+    where
+        T: Send,
+        F: Fn(Self::Item) -> T + Copy + Send,
+    {
+        adapt::<true, _, _>(self, usize::MAX, move |part| part.map(f))
     }
 
     /// Maps each item by `f`. `f` also gets a state that `init` created for the part that contains the item, such as a reusable buffer.
-    fn map_init<S, T, I, F>(self, init: I, f: F) -> MapInit<Self, I, F>
+    fn map_init<S, T, I, F>(self, init: I, f: F) -> impl Parallel<Item = T>
     where
         T: Send,
         I: Fn() -> S + Copy + Send,
         F: Fn(&mut S, Self::Item) -> T + Copy + Send,
     {
-        MapInit { items: self, init, f }
+        adapt::<true, _, _>(self, MAX_INIT_PARTS, move |part| {
+            let mut state = init();
+            part.map(move |item| f(&mut state, item))
+        })
     }
 
     /// Keeps the items for which `keep` is true.
-    fn filter<F: Fn(&Self::Item) -> bool + Copy + Send>(self, keep: F) -> Filter<Self, F> {
-        Filter { items: self, f: keep }
+    fn filter<F>(self, keep: F) -> impl Parallel<Item = Self::Item>
+    where
+        F: Fn(&Self::Item) -> bool + Copy + Send,
+    {
+        adapt::<false, _, _>(self, usize::MAX, move |part| part.filter(keep))
     }
 
     /// Maps each item by `f` and drops `None`.
-    fn filter_map<T, F>(self, f: F) -> FilterMap<Self, F>
+    fn filter_map<T, F>(self, f: F) -> impl Parallel<Item = T>
     where
         T: Send,
         F: Fn(Self::Item) -> Option<T> + Copy + Send,
     {
-        FilterMap { items: self, f }
+        adapt::<false, _, _>(self, usize::MAX, move |part| part.filter_map(f))
     }
 
     /// Maps each item to several items by `f`, and concatenates these.
-    fn flat_map_iter<I, F>(self, f: F) -> FlatMap<Self, I, F>
+    fn flat_map_iter<I, F>(self, f: F) -> impl Parallel<Item = I::Item>
     where
         I: IntoIterator<Item: Send>,
         F: Fn(Self::Item) -> I + Copy + Send,
     {
-        FlatMap::new(self, f)
+        adapt::<false, _, _>(self, usize::MAX, move |part| part.flat_map(f))
     }
 
     /// Pairs each item with its index. This does not compile after a filter, because the indices of filtered items are not known.
-    fn enumerate(self) -> Enumerate<Self> {
-        const { assert!(Self::EXACT, "the indices are not known") };
-        Enumerate { items: self, first: 0 }
+    fn enumerate(self) -> Zip<Numbers<usize>, Self> {
+        let indices = 0..self.index_count();
+        indices.into_par_iter().zip(self)
     }
 
     /// Pairs the items of two iterators that have the same index, up to the length of the shorter iterator. This does not compile after a
@@ -116,17 +124,18 @@ pub trait Parallel: Sized + Send {
     }
 
     /// Copies borrowed items.
-    fn copied<'a, T>(self) -> Copied<Self>
+    fn copied<'a, T>(self) -> impl Parallel<Item = T>
     where
         Self: Parallel<Item = &'a T>,
         T: Copy + Send + 'a,
     {
-        Copied(self)
+        adapt::<true, _, _>(self, usize::MAX, |part| part.copied())
     }
 
     /// Sets the minimum number of indices per part, for items that take little time.
-    fn with_min_len(self, min_len: usize) -> MinLen<Self> {
-        MinLen { items: self, min_len }
+    fn with_min_len(self, min_len: usize) -> Adapted<Self, fn(Self::Part) -> Self::Part, true> {
+        let max_parts = (self.index_count() / min_len.max(1)).max(1);
+        Adapted { items: self, max_parts, adapt: |part| part }
     }
 
     /// Calls `f` with each item.
@@ -169,22 +178,6 @@ pub trait Parallel: Sized + Send {
     /// The sum of all items. The items of each part are summed first, then these sums.
     fn sum<S: Sum<Self::Item> + Sum<S> + Send>(self) -> S {
         of_parts(self, &|_, part: Self| part.part().sum::<S>()).into_iter().sum()
-    }
-
-    /// The maximum item. If several are equal, the last of them.
-    fn max(self) -> Option<Self::Item>
-    where
-        Self::Item: Ord,
-    {
-        of_parts(self, &|_, part: Self| part.part().max()).into_iter().flatten().max()
-    }
-
-    /// The minimum item. If several are equal, the first of them.
-    fn min(self) -> Option<Self::Item>
-    where
-        Self::Item: Ord,
-    {
-        of_parts(self, &|_, part: Self| part.part().min()).into_iter().flatten().min()
     }
 
     /// Folds the items of each part, beginning with `init()`, and returns the results of the parts in order.
@@ -234,6 +227,15 @@ pub trait Parallel: Sized + Send {
     fn all(self, f: impl Fn(Self::Item) -> bool + Sync) -> bool {
         !self.any(|item| !f(item))
     }
+}
+
+/// Converts the sequential iterator of each part by `adapt`. `EXACT` is true if this keeps the number of items.
+fn adapt<const EXACT: bool, P: Parallel, I: Iterator<Item: Send>>(
+    items: P,
+    max_parts: usize,
+    adapt: impl Fn(P::Part) -> I + Copy + Send,
+) -> impl Parallel<Item = I::Item> {
+    Adapted::<_, _, EXACT> { items, max_parts, adapt }
 }
 
 /// Calls `f` with each part and its index, and returns the results in order.

@@ -124,75 +124,31 @@ pub enum Items<'a> {
 /// Error of building a value from parts.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PartsError {
-    /// A required column is missing.
-    #[error("the part `{part}` is missing")]
-    Missing {
-        /// The name of the missing column.
-        part: String,
-    },
-    /// The elements of a column have another number of numbers than expected.
-    #[error("the part `{part}` has {width} numbers per element, expected {expected}")]
-    Width {
-        /// The name of the column.
-        part: String,
-        /// The number of numbers per element.
-        width: usize,
-        /// The expected number of numbers per element.
-        expected: usize,
-    },
-    /// A column has too many or too few elements, or its last element is incomplete.
-    #[error("the part `{part}` has {numbers} numbers, expected {expected}")]
-    Length {
-        /// The name of the column.
-        part: String,
-        /// The number of numbers in the column.
-        numbers: usize,
-        /// The expected number of numbers. If only the width is known, a multiple of this number is expected.
-        expected: usize,
-    },
-    /// A number is not allowed in this column.
-    #[error("number {index} of the part `{part}` is {number}, expected {expected}")]
-    Number {
-        /// The name of the column.
-        part: String,
-        /// The index of the number in the column, from 0.
-        index: usize,
-        /// The number that is not allowed.
-        number: f64,
-        /// A description of the expected number.
-        expected: String,
-    },
-    /// A required fact is missing or has the wrong type.
-    #[error("the fact `{fact}` must be {expected}")]
-    Fact {
-        /// The name of the missing or wrong fact.
-        fact: String,
-        /// A description of the expected value.
-        expected: &'static str,
-    },
-    /// The type's constructor returned an error.
-    #[error("{why}")]
-    Refused {
-        /// The message of the constructor's error.
-        why: String,
-    },
     /// Values of the type cannot be built from parts.
     #[error("a {kind} cannot be made of parts")]
     Never {
         /// The name of the type of values.
         kind: &'static str,
     },
+    /// The parts do not make a value; contains the message.
+    #[error("{0}")]
+    Invalid(String),
 }
 
 impl PartsError {
     /// The error of a missing part.
     pub(super) fn missing(part: &str) -> Self {
-        Self::Missing { part: part.to_owned() }
+        Self::Invalid(format!("the part `{part}` is missing"))
     }
 
     /// Wraps the error of a constructor.
     pub fn from_error(error: impl std::error::Error) -> Self {
-        Self::Refused { why: error.to_string() }
+        Self::Invalid(error.to_string())
+    }
+
+    /// The error of a fact that is missing or has the wrong type.
+    pub(super) fn wrong_fact(fact: &str, expected: &str) -> Self {
+        Self::Invalid(format!("the fact `{fact}` must be {expected}"))
     }
 }
 
@@ -264,13 +220,6 @@ impl<'a> Parts<'a> {
         self.columns.push(Part { name, element_kind: on, meaning, width, items, is_hidden: true });
     }
 
-    /// Appends the parts of another value.
-    pub fn append(&mut self, mut other: Self) {
-        self.facts.append(&mut other.facts);
-        self.columns.append(&mut other.columns);
-        self.row = other.row.or(self.row);
-    }
-
     /// The first column with this name.
     pub fn column(&self, name: &str) -> Option<&Part<'a>> {
         self.columns.iter().find(|part| part.name == name)
@@ -309,7 +258,7 @@ impl<'a> Parts<'a> {
     pub fn size_of(&self, name: &str) -> Result<[usize; 2], PartsError> {
         match self.fact_of(name) {
             Some(FactValue::Size(size)) => Ok(*size),
-            _ => Err(PartsError::Fact { fact: name.to_owned(), expected: "two counts" }),
+            _ => Err(PartsError::wrong_fact(name, "two counts")),
         }
     }
 
@@ -320,7 +269,7 @@ impl<'a> Parts<'a> {
     pub fn count_of(&self, name: &str) -> Result<usize, PartsError> {
         match self.fact_of(name) {
             Some(FactValue::Count(count)) => Ok(*count),
-            _ => Err(PartsError::Fact { fact: name.to_owned(), expected: "a count" }),
+            _ => Err(PartsError::wrong_fact(name, "a count")),
         }
     }
 
@@ -360,8 +309,10 @@ impl Part<'_> {
     pub fn with_width(&self, expected: usize) -> Result<&Self, PartsError> {
         let (numbers, width) = (self.items.len(), self.width);
         if width != expected {
-            let part = self.name.clone().into_owned();
-            return Err(PartsError::Width { part, width, expected });
+            let part = &self.name;
+            return Err(PartsError::Invalid(format!(
+                "the part `{part}` has {width} numbers per element, expected {expected}"
+            )));
         }
         match numbers % width.max(1) {
             0 => Ok(self),
@@ -370,8 +321,8 @@ impl Part<'_> {
     }
 
     fn wrong_length(&self, expected: usize) -> PartsError {
-        let (part, numbers) = (self.name.clone().into_owned(), self.items.len());
-        PartsError::Length { part, numbers, expected }
+        let (part, numbers) = (&self.name, self.items.len());
+        PartsError::Invalid(format!("the part `{part}` has {numbers} numbers, expected {expected}"))
     }
 
     /// Returns the column if it has `count` elements.
@@ -386,14 +337,11 @@ impl Part<'_> {
     }
 
     /// Returns the error for a number that is not allowed in the column.
-    pub fn number_error(
-        &self,
-        index: usize,
-        number: f64,
-        expected: impl Into<String>,
-    ) -> PartsError {
-        let part = self.name.clone().into_owned();
-        PartsError::Number { part, index, number, expected: expected.into() }
+    pub fn number_error(&self, index: usize, number: f64, expected: &str) -> PartsError {
+        let part = &self.name;
+        PartsError::Invalid(format!(
+            "number {index} of the part `{part}` is {number}, expected {expected}"
+        ))
     }
 
     /// The column's elements as arrays of `N` numbers.
@@ -463,7 +411,7 @@ impl Part<'_> {
             .map(|(index, &x)| {
                 let fits = (0.0..=max).contains(&x) && x.fract() == 0.0;
                 fits.then(|| to(x)).ok_or_else(|| {
-                    self.number_error(index, x, format!("a whole number from 0 to {max}"))
+                    self.number_error(index, x, &format!("a whole number from 0 to {max}"))
                 })
             })
             .collect()

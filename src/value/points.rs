@@ -3,11 +3,11 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
+use super::content::content_of_fields;
 use super::edge_cases::point_sets;
 use super::{
-    AnyValue, Attribute, AttributeError, Attributes, Axes, Cloud, Column, DecodeError, Decoder,
-    ElementKind, Elements, Encoder, Layer, Meaning, NoElements, Parts, PartsError, Property,
-    Summary, Value, Violation, value_type,
+    AnyValue, Attribute, AttributeError, Attributes, Axes, Cloud, Column, ElementKind, Elements,
+    Layer, Meaning, NoElements, Parts, PartsError, Property, Summary, Value, Violation, value_type,
 };
 use crate::parallel::*;
 
@@ -61,11 +61,7 @@ impl Points {
     /// # Errors
     /// If the number of positions differs from the number of points, or one is not finite.
     pub fn with_positions(&self, positions: Vec<Point3<f64>>) -> Result<Self, PointsError> {
-        if positions.len() != self.positions.len() {
-            let (count, elements) = (positions.len(), self.positions.len());
-            let error = AttributeError::Length { name: "position".into(), count, elements };
-            return Err(error.into());
-        }
+        AttributeError::check_len("position", positions.len(), self.positions.len())?;
         let mut moved = Self { attributes: self.attributes.clone(), ..Self::new(positions)? };
         moved.attributes.remove("normal");
         Ok(moved)
@@ -100,25 +96,14 @@ impl Points {
 impl Value for Points {
     const NAME: &'static str = "Points";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.column(&self.positions);
-        self.attributes.encode(to);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        Ok(Self { positions: from.column()?, attributes: Attributes::decode(from)? })
-    }
+    content_of_fields! { positions attributes }
 
     fn properties() -> &'static [Property<Self>] {
-        const PROPERTIES: &[Property<Points>] =
-            &[Property::new("NonEmpty", "There are points.", |value| {
+        const {
+            &[Property::new("NonEmpty", "There are points.", |value: &Self| {
                 value.positions().is_empty().then(|| Violation::lack_of("points"))
-            })];
-        PROPERTIES
-    }
-
-    fn size(&self) -> usize {
-        self.positions.size() + self.attributes.size()
+            })]
+        }
     }
 
     fn describe(&self) -> Summary {

@@ -3,16 +3,12 @@
 use nalgebra::{Matrix4, Point3};
 use thiserror::Error;
 
-use super::frame::{decode_pose, encode_pose};
 use super::image::{SizeError, check_size};
-use super::{
-    CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Pinhole,
-    Property, Registration, Rgb, Summary, Value, Violation,
-};
+use super::{CaptureFrame, Column, Pinhole, Registration, Rgb};
 use crate::parallel::*;
 
-mod parts;
 mod update;
+mod value;
 
 /// An error in building or measuring a range image.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -228,90 +224,6 @@ fn without_half_points(points: &mut [Point3<f64>]) {
             *point = NO_POINT;
         }
     });
-}
-
-impl Value for RangeImage {
-    const NAME: &'static str = "RangeImage";
-
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.width, self.height])
-            .column(&self.points)
-            .column(&self.filled)
-            .column(&self.joined)
-            .column(&self.colors)
-            .option(self.camera.as_ref(), |to, camera| camera.encode(to))
-            .option(self.world_from_camera.as_ref(), encode_pose);
-        self.registration.encode(to);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [width, height] = from.counts()?;
-        Ok(Self {
-            width,
-            height,
-            points: from.column()?,
-            filled: from.column()?,
-            joined: from.column()?,
-            colors: from.column()?,
-            camera: from.option(Pinhole::decode)?,
-            world_from_camera: from.option(decode_pose)?,
-            registration: Registration::decode(from)?,
-        })
-    }
-
-    fn properties() -> &'static [Property<Self>] {
-        const PROPERTIES: &[Property<RangeImage>] =
-            &[Property::new("NonEmpty", "A cell has a point.", |value| {
-                (value.n_valid() == 0).then(|| Violation::lack_of("cell with a point"))
-            })];
-        PROPERTIES
-    }
-
-    fn size(&self) -> usize {
-        self.points.size() + self.filled.size() + self.joined.size() + self.colors.size()
-    }
-
-    fn describe(&self) -> Summary {
-        let summary = Summary::default()
-            .with_fact("size", format!("{} x {}", self.width, self.height))
-            .with_fact("valid", self.n_valid())
-            .with_fact("filled", self.filled.iter().filter(|&&filled| filled == 1).count())
-            .with_histogram("depth z", self.points.iter().map(|point| point.z));
-        super::mesh::describe_bounds(summary, self.points.iter().filter(|p| !p.x.is_nan()))
-    }
-
-    fn probe(&self, [column, row]: [usize; 2]) -> Summary {
-        let [x, y] = self.registration.range_from_picture([column as f64, row as f64]);
-        let (x, y) = (x.round(), y.round());
-        if !(0.0 <= x && x < self.width as f64 && 0.0 <= y && y < self.height as f64) {
-            return Summary::default();
-        }
-        let summary = Summary::default().with_fact("range cell", vec![x, y]);
-        match self.point(y as usize * self.width + x as usize) {
-            Some(point) => summary.with_fact("point (mm)", point.coords.as_slice().to_vec()),
-            None => summary.with_fact("point (mm)", "no range here"),
-        }
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        parts::parts(self)
-    }
-
-    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        parts::made_of(parts)
-    }
-
-    fn show(&self) -> Vec<Layer> {
-        parts::show(self)
-    }
-
-    fn as_mesh(&self) -> Option<Mesh> {
-        None
-    }
-
-    fn edge_cases() -> Vec<Self> {
-        parts::edge_cases()
-    }
 }
 
 #[cfg(test)]

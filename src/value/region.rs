@@ -3,41 +3,14 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{
-    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Summary, Value,
-};
+use super::Column;
 
-mod parts;
+mod value;
 
-/// Error of building a region.
+/// Error of building a region. Contains the message.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum RegionError {
-    /// The region has no cells.
-    #[error("the region is empty: it contains no cell of the range grid")]
-    Empty,
-    /// The lists of cells, points and flags have different lengths.
-    #[error("{points} points and {flags} flags for {cells} cells")]
-    Length {
-        /// The number of cells in the list.
-        cells: usize,
-        /// The number of points in the list.
-        points: usize,
-        /// The number of flags in the list.
-        flags: usize,
-    },
-    /// A cell is outside of the grid, or the cells are not in ascending order.
-    #[error("cell {cell} is outside of the grid or not after the previous cell")]
-    Cell {
-        /// The index of the cell in the list of cells.
-        cell: u32,
-    },
-    /// A cell has no finite point.
-    #[error("cell {cell} of the region has no point")]
-    NoPoint {
-        /// The index of the cell in the list of cells.
-        cell: u32,
-    },
-}
+#[error("{0}")]
+pub struct RegionError(String);
 
 /// A closed chain of cells along the border of a region. Consecutive cells are neighbors, possibly diagonal ones.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -78,24 +51,24 @@ impl Region {
         contours: Vec<Contour>,
     ) -> Result<Self, RegionError> {
         if cells.is_empty() {
-            return Err(RegionError::Empty);
+            let why = "the region is empty: it contains no cell of the range grid";
+            return Err(RegionError(why.into()));
         }
         if points.len() != cells.len() || filled.len() != cells.len() {
-            let (points, flags) = (points.len(), filled.len());
-            return Err(RegionError::Length { cells: cells.len(), points, flags });
+            let (points, flags, cells) = (points.len(), filled.len(), cells.len());
+            return Err(RegionError(format!(
+                "{points} points and {flags} flags for {cells} cells"
+            )));
         }
-        if let Some(pair) = cells.windows(2).find(|pair| pair[1] <= pair[0]) {
-            return Err(RegionError::Cell { cell: pair[1] });
+        let unsorted = cells.windows(2).find(|pair| pair[1] <= pair[0]).map(|pair| pair[1]);
+        let outside = |cell: &&u32| width.saturating_mul(height) <= **cell as usize;
+        if let Some(cell) = unsorted.or_else(|| cells.last().filter(outside).copied()) {
+            let why = format!("cell {cell} is outside of the grid or not after the previous cell");
+            return Err(RegionError(why));
         }
-        if let Some(&cell) =
-            cells.last().filter(|&&cell| width.saturating_mul(height) <= cell as usize)
-        {
-            return Err(RegionError::Cell { cell });
-        }
-        if let Some(index) =
-            points.iter().position(|point| !point.coords.iter().all(|x| x.is_finite()))
-        {
-            return Err(RegionError::NoPoint { cell: cells[index] });
+        if let Some(index) = super::first_not_finite(&points) {
+            let cell = cells[index];
+            return Err(RegionError(format!("cell {cell} of the region has no point")));
         }
         Ok(Self {
             width,
@@ -159,70 +132,6 @@ impl Region {
     }
 }
 
-impl Value for Region {
-    const NAME: &'static str = "Region";
-
-    fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.width, self.height, self.contours.len()])
-            .column(&self.cells)
-            .column(&self.points)
-            .column(&self.filled);
-        for contour in &self.contours {
-            to.plain(&u8::from(contour.hole)).column(&Column::from(contour.cells.clone()));
-        }
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [width, height, contours] = from.counts()?;
-        let (cells, points, filled) = (from.column()?, from.column()?, from.column()?);
-        let contours = (0..contours)
-            .map(|_| {
-                let hole = from.plain::<u8>()? == 1;
-                Ok(Contour { hole, cells: from.column::<u32>()?.to_vec() })
-            })
-            .collect::<Result<_, _>>()?;
-        Ok(Self { width, height, cells, points, filled, contours })
-    }
-
-    fn size(&self) -> usize {
-        let contours: usize = self.contours.iter().map(|contour| 4 * contour.cells.len()).sum();
-        self.cells.size() + self.points.size() + self.filled.size() + contours
-    }
-
-    fn describe(&self) -> Summary {
-        let ([left, top], [right, bottom]) = self.bounds();
-        let filled = self.filled.iter().filter(|&&filled| filled == 1).count();
-        let holes = self.contours.iter().filter(|contour| contour.hole).count();
-        let summary = Summary::default()
-            .with_fact("grid", format!("{} x {}", self.width, self.height))
-            .with_fact("cells", self.cells.len())
-            .with_fact("filled", filled)
-            .with_fact("box", format!("({left}, {top})-({right}, {bottom})"))
-            .with_fact("holes", holes);
-        super::mesh::describe_bounds(summary, self.points.iter())
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        parts::parts(self)
-    }
-
-    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        parts::made_of(parts)
-    }
-
-    fn show(&self) -> Vec<Layer> {
-        parts::show(self)
-    }
-
-    fn as_mesh(&self) -> Option<Mesh> {
-        None
-    }
-
-    fn edge_cases() -> Vec<Self> {
-        parts::edge_cases()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -242,13 +151,15 @@ mod tests {
 
     #[test]
     fn invalid_regions_are_refused() {
-        assert_eq!(region(vec![]), Err(RegionError::Empty));
-        assert_eq!(region(vec![2, 1]), Err(RegionError::Cell { cell: 1 }));
-        assert_eq!(region(vec![6]), Err(RegionError::Cell { cell: 6 }));
+        fn check(region: Result<Region, RegionError>, expected: &str) {
+            assert_eq!(region, Err(RegionError(expected.into())));
+        }
+        check(region(vec![]), "the region is empty: it contains no cell of the range grid");
+        let wrong = "is outside of the grid or not after the previous cell";
+        check(region(vec![2, 1]), &format!("cell 1 {wrong}"));
+        check(region(vec![6]), &format!("cell 6 {wrong}"));
         let nowhere = Point3::new(f64::NAN, 0.0, 0.0);
-        assert_eq!(
-            Region::new(1, 1, vec![0], vec![nowhere], vec![0], vec![]),
-            Err(RegionError::NoPoint { cell: 0 })
-        );
+        let region = Region::new(1, 1, vec![0], vec![nowhere], vec![0], vec![]);
+        check(region, "cell 0 of the region has no point");
     }
 }

@@ -4,10 +4,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::content::content_of_fields;
 use super::edge_cases::point_sets;
-use super::{
-    ControlNet, DecodeError, Decoder, Encoder, KnotVector, Layer, Parts, PartsError, Summary, Value,
-};
+use super::{ControlNet, KnotVector, Layer, Parts, PartsError, Summary, Value};
 
 mod adaptive;
 mod change;
@@ -44,16 +43,9 @@ pub enum SurfaceError {
         /// The number of control points of the net.
         points: usize,
     },
-    /// All weights that affect one polynomial piece are 0.
-    #[error(
-        "all weights around control point ({row}, {column}) are 0: the surface has no point there"
-    )]
-    Weights {
-        /// The first row of the weights that affect the piece.
-        row: usize,
-        /// The first column of the weights that affect the piece.
-        column: usize,
-    },
+    /// Any other violation of the invariant; contains the message.
+    #[error("{0}")]
+    Invalid(String),
 }
 
 /// A rational B-spline surface: a control net, and a knot vector for each direction. The rows of the net run along u.
@@ -89,7 +81,9 @@ impl Surface {
                     net.weights()[a * net.columns() + column..][..=q].iter().any(|&w| w > 0.0)
                 });
                 if !positive {
-                    return Err(SurfaceError::Weights { row, column });
+                    return Err(SurfaceError::Invalid(format!(
+                        "all weights around control point ({row}, {column}) are 0: the surface has no point there"
+                    )));
                 }
             }
         }
@@ -115,17 +109,7 @@ impl Surface {
 impl Value for Surface {
     const NAME: &'static str = "Surface";
 
-    fn encode(&self, to: &mut Encoder) {
-        to.value(&self.net).value(&self.u).value(&self.v);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        Ok(Self { net: from.value()?, u: from.value()?, v: from.value()? })
-    }
-
-    fn size(&self) -> usize {
-        self.net.size() + self.u.size() + self.v.size()
-    }
+    content_of_fields! { net u v }
 
     fn describe(&self) -> Summary {
         fn domain(knots: &KnotVector) -> String {

@@ -7,26 +7,10 @@ use super::{
     Value,
 };
 
-/// Error of building a trace.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum TraceError {
-    /// The iteration number of a step is not greater than that of the previous step.
-    #[error("iteration {iteration} of the trace is not after the previous one")]
-    Order {
-        /// The iteration number of the later step.
-        iteration: u64,
-    },
-    /// A distance is negative or NaN.
-    #[error("in iteration {iteration} the largest distance is {max} and the mean one {rms}")]
-    Distance {
-        /// The iteration number of the step with that distance.
-        iteration: u64,
-        /// The maximum distance from the goal.
-        max: f64,
-        /// The root mean square of the distances.
-        rms: f64,
-    },
-}
+/// Error of building a trace. Contains the message.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{0}")]
+pub struct TraceError(String);
 
 /// A step of a trace: the distances from the goal after some iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,7 +39,9 @@ impl Trace {
     /// If the iteration number of a step is not greater than that of the previous step, or a distance is negative or NaN.
     pub fn new(steps: Vec<TraceStep>) -> Result<Self, TraceError> {
         if let Some(pair) = steps.windows(2).find(|pair| pair[1].iteration <= pair[0].iteration) {
-            return Err(TraceError::Order { iteration: pair[1].iteration });
+            let iteration = pair[1].iteration;
+            let why = format!("iteration {iteration} of the trace is not after the previous one");
+            return Err(TraceError(why));
         }
         fn is_distance(x: f64) -> bool {
             x >= 0.0
@@ -63,7 +49,10 @@ impl Trace {
         match steps.iter().find(|step| !is_distance(step.max) || !is_distance(step.rms)) {
             None => Ok(Self { steps }),
             Some(&TraceStep { iteration, max, rms }) => {
-                Err(TraceError::Distance { iteration, max, rms })
+                let why = format!(
+                    "in iteration {iteration} the largest distance is {max} and the mean one {rms}"
+                );
+                Err(TraceError(why))
             }
         }
     }
@@ -182,11 +171,13 @@ mod tests {
         assert!(Trace::new(vec![step(0, 2.0, 1.0), step(3, f64::INFINITY, 0.0)]).is_ok());
         assert_eq!(
             Trace::new(vec![step(1, 0.0, 0.0), step(1, 0.0, 0.0)]),
-            Err(TraceError::Order { iteration: 1 })
+            Err(TraceError("iteration 1 of the trace is not after the previous one".into()))
         );
         for (max, rms) in [(-1.0, 0.0), (0.0, f64::NAN)] {
             let refused = Trace::new(vec![step(7, max, rms)]);
-            assert!(matches!(refused, Err(TraceError::Distance { iteration: 7, .. })));
+            let why =
+                format!("in iteration 7 the largest distance is {max} and the mean one {rms}");
+            assert_eq!(refused, Err(TraceError(why)));
         }
     }
 

@@ -5,14 +5,13 @@ use std::fmt;
 use std::sync::Arc;
 
 use crate::elements::{Cut, ElementType, Elements};
-use crate::encoding::{Columns, DecodeError, Decoder, EncodedValue, Encoder, hash_of};
+use crate::encoding::{self, Columns, DecodeError, Decoder, EncodedValue, Encoder, hash_of};
 use crate::hash::Hash;
 use crate::layer::Layer;
 use crate::mesh::Mesh;
 use crate::parts::{Parts, PartsError};
 use crate::property::{Property, Violation};
 use crate::summary::Summary;
-use crate::{elements, encoding};
 
 /// A type of values. A port takes values of a type, and an output produces them. An implementation of this trait defines the type
 /// completely; no other file lists the properties of types.
@@ -98,20 +97,11 @@ pub trait Value: Clone + Send + Sync + 'static {
 pub struct ValueType {
     /// The type's name in graph files.
     pub name: &'static str,
-    pub(super) describe: fn(&(dyn Any + Send + Sync)) -> Summary,
-    pub(super) probe: fn(&(dyn Any + Send + Sync), [usize; 2]) -> Summary,
-    pub(super) size: fn(&(dyn Any + Send + Sync)) -> usize,
-    pub(super) encode: fn(&(dyn Any + Send + Sync)) -> EncodedValue,
-    pub(super) decode: fn(&[u8], &dyn Columns, Hash) -> Result<AnyValue, DecodeError>,
-    pub(super) parts: fn(&(dyn Any + Send + Sync)) -> Parts<'_>,
-    pub(super) from_parts: fn(&Parts<'_>) -> Result<AnyValue, PartsError>,
-    pub(super) show: fn(&(dyn Any + Send + Sync)) -> Vec<Layer>,
-    pub(super) as_mesh: fn(&(dyn Any + Send + Sync)) -> Option<Mesh>,
-    pub(super) elements: fn() -> Vec<ElementType>,
-    pub(super) cut: fn(&(dyn Any + Send + Sync), &str, usize, &[AnyValue]) -> Cut,
-    pub(super) edge_cases: fn() -> Vec<AnyValue>,
-    pub(super) properties: fn() -> Vec<(&'static str, &'static str)>,
-    pub(super) violation: fn(&(dyn Any + Send + Sync), &str) -> Option<Violation>,
+    decode: fn(&[u8], &dyn Columns, Hash) -> Result<AnyValue, DecodeError>,
+    from_parts: fn(&Parts<'_>) -> Result<AnyValue, PartsError>,
+    elements: fn() -> Vec<ElementType>,
+    edge_cases: fn() -> Vec<AnyValue>,
+    properties: fn() -> Vec<(&'static str, &'static str)>,
 }
 
 impl fmt::Debug for ValueType {
@@ -171,64 +161,96 @@ impl PartialEq for ValueType {
     }
 }
 
-struct TypeOf<T>(std::marker::PhantomData<T>);
-
-impl<T: Value> TypeOf<T> {
-    const TYPE: ValueType = ValueType {
-        name: T::NAME,
-        describe: |value| downcast::<T>(value).describe(),
-        probe: |value, at| downcast::<T>(value).probe(at),
-        size: |value| downcast::<T>(value).size(),
-        encode: |value| encoding::encode(downcast::<T>(value)),
-        decode: |bytes, columns, hash| {
-            let value: T = encoding::decode(bytes, columns, hash)?;
-            Ok(AnyValue { kind: value_type::<T>(), hash, value: Arc::new(value) })
-        },
-        parts: |value| downcast::<T>(value).parts(),
-        from_parts: |parts| T::from_parts(parts).map(AnyValue::new),
-        show: |value| downcast::<T>(value).show(),
-        as_mesh: |value| downcast::<T>(value).as_mesh(),
-        elements: ElementType::all_of::<T>,
-        cut: |value, word, max_count, before| {
-            elements::cut(downcast::<T>(value), word, max_count, before)
-        },
-        edge_cases: || T::edge_cases().into_iter().map(AnyValue::new).collect(),
-        properties: || T::properties().iter().map(|it| (it.name, it.doc)).collect(),
-        violation: |value, name| {
-            let property = T::properties().iter().find(|property| property.name == name)?;
-            (property.test)(downcast::<T>(value))
-        },
-    };
-}
-
-fn downcast<T: Value>(value: &(dyn Any + Send + Sync)) -> &T {
-    value.downcast_ref().unwrap_or_else(|| {
-        panic!("two types of values are called {}; conformance::check finds this", T::NAME)
-    })
-}
-
 /// Returns the description of the type `T` for the engine.
 pub const fn value_type<T: Value>() -> &'static ValueType {
-    &TypeOf::<T>::TYPE
+    const {
+        &ValueType {
+            name: T::NAME,
+            decode: |bytes, columns, hash| {
+                let value = encoding::decode::<T>(bytes, columns, hash)?;
+                Ok(AnyValue { hash, value: Arc::new(value) })
+            },
+            from_parts: |parts| T::from_parts(parts).map(AnyValue::new),
+            elements: || T::elements().iter().map(ElementType::from).collect(),
+            edge_cases: || T::edge_cases().into_iter().map(AnyValue::new).collect(),
+            properties: || T::properties().iter().map(|it| (it.name, it.doc)).collect(),
+        }
+    }
 }
 
 /// A value on a link. It is shared, and knows its type and the hash of its content.
 #[derive(Clone)]
 pub struct AnyValue {
-    pub(super) kind: &'static ValueType,
-    pub(super) hash: Hash,
-    pub(super) value: Arc<dyn Any + Send + Sync>,
+    hash: Hash,
+    value: Arc<dyn DynValue>,
+}
+
+/// The methods of [`Value`], for a value whose type is known only at run time.
+trait DynValue: Any + Send + Sync {
+    fn kind(&self) -> &'static ValueType;
+    fn encode(&self) -> EncodedValue;
+    fn size(&self) -> usize;
+    fn describe(&self) -> Summary;
+    fn probe(&self, at: [usize; 2]) -> Summary;
+    fn parts(&self) -> Parts<'_>;
+    fn show(&self) -> Vec<Layer>;
+    fn as_mesh(&self) -> Option<Mesh>;
+    fn violation(&self, property: &str) -> Option<Violation>;
+    fn cut(&self, word: &str, max_count: usize, before: &[AnyValue]) -> Cut;
+}
+
+impl<T: Value> DynValue for T {
+    fn kind(&self) -> &'static ValueType {
+        value_type::<T>()
+    }
+
+    fn encode(&self) -> EncodedValue {
+        encoding::encode(self)
+    }
+
+    fn size(&self) -> usize {
+        Value::size(self)
+    }
+
+    fn describe(&self) -> Summary {
+        Value::describe(self)
+    }
+
+    fn probe(&self, at: [usize; 2]) -> Summary {
+        Value::probe(self, at)
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        Value::parts(self)
+    }
+
+    fn show(&self) -> Vec<Layer> {
+        Value::show(self)
+    }
+
+    fn as_mesh(&self) -> Option<Mesh> {
+        Value::as_mesh(self)
+    }
+
+    fn violation(&self, property: &str) -> Option<Violation> {
+        T::properties().iter().find(|it| it.name == property).and_then(|it| (it.test)(self))
+    }
+
+    fn cut(&self, word: &str, max_count: usize, before: &[AnyValue]) -> Cut {
+        let way = T::elements().into_iter().find(|way| way.word == word)?;
+        Some((way.cut)(self, max_count, before))
+    }
 }
 
 impl AnyValue {
     /// Wraps `value` and computes its hash.
     pub fn new<T: Value>(value: T) -> Self {
-        Self { kind: value_type::<T>(), hash: hash_of(&value), value: Arc::new(value) }
+        Self { hash: hash_of(&value), value: Arc::new(value) }
     }
 
     /// The value's type.
     pub fn kind(&self) -> &'static ValueType {
-        self.kind
+        self.value.kind()
     }
 
     /// The hash of the value's type and content.
@@ -238,66 +260,65 @@ impl AnyValue {
 
     /// The value as a `T`, or `None` if it has another type.
     pub fn get<T: Value>(&self) -> Option<&T> {
-        self.value.downcast_ref()
+        let value: &dyn Any = &*self.value;
+        value.downcast_ref()
     }
 
     /// The memory that the value holds, in bytes.
     pub fn size(&self) -> usize {
-        (self.kind.size)(&*self.value)
+        self.value.size()
     }
 
     /// The content as the disk cache stores it.
     pub fn encode(&self) -> EncodedValue {
-        (self.kind.encode)(&*self.value)
+        self.value.encode()
     }
 
     /// Returns true if decoding the encoded content gives an equal value.
     pub fn can_be_read_back(&self) -> bool {
         let kept = self.encode();
-        self.kind.decode(&kept.bytes, &kept, self.hash).is_ok()
+        self.kind().decode(&kept.bytes, &kept, self.hash).is_ok()
     }
 
     /// A summary for readers: see [`Value::describe`].
     pub fn describe(&self) -> Summary {
-        (self.kind.describe)(&*self.value)
+        self.value.describe()
     }
 
     /// Facts about the pixel at the position `at` (column, row): see [`Value::probe`].
     pub fn probe(&self, at: [usize; 2]) -> Summary {
-        (self.kind.probe)(&*self.value, at)
+        self.value.probe(at)
     }
 
     /// The value's facts and columns: see [`Value::parts`].
     pub fn parts(&self) -> Parts<'_> {
-        (self.kind.parts)(&*self.value)
+        self.value.parts()
     }
 
     /// The layers that viewers draw: see [`Value::show`].
     pub fn show(&self) -> Vec<Layer> {
-        (self.kind.show)(&*self.value)
+        self.value.show()
     }
 
     /// The faces that the value shows, as one mesh. `None` if it shows no faces.
     pub fn as_mesh(&self) -> Option<Mesh> {
-        (self.kind.as_mesh)(&*self.value)
+        self.value.as_mesh()
     }
 
     /// Checks the property of this name. Returns its violation, or `None` if the value has the property.
     pub fn violation(&self, property: &str) -> Option<Violation> {
-        (self.kind.violation)(&*self.value, property)
+        self.value.violation(property)
     }
-}
 
-impl AnyValue {
     /// Splits the value into the elements that `word` names, for a `ForEach`, if there are at most `max_count`. `None` if the type has no
     /// such elements. If an element of an older value, `before`, is equal to a new one, it may be reused.
     pub fn cut(&self, word: &str, max_count: usize, before: &[Self]) -> Cut {
-        (self.kind.cut)(&*self.value, word, max_count, before)
+        self.value.cut(word, max_count, before)
     }
 }
 
 impl fmt::Debug for AnyValue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}({})", self.kind.name, self.hash.short())
+        write!(f, "{}({})", self.kind().name, self.hash.short())
     }
 }

@@ -1,9 +1,10 @@
 //! The point of a curve closest to a given point.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 use super::Curve;
 use super::evaluate::Segment;
+use crate::mesh::distance_from_box;
 
 /// The point of a curve closest to a given point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,17 +36,20 @@ impl Curve {
     pub fn closest(&self, to: Point3<f64>) -> CurveFoot {
         let Some(spline) = &self.spline else { return self.closest_piece(to) };
         let degree = spline.knots.degree();
-        let mut pieces: Vec<(f64, usize)> = (degree..spline.knots.n_control())
-            .filter(|&span| spline.knots.knots()[span] < spline.knots.knots()[span + 1])
-            .map(|span| (self.distance_from_box(to, &(span - degree..span + 1)), span))
+        let mut pieces: Vec<(f64, [f64; 2])> = spline
+            .knots
+            .spans()
+            .map(|(span, ends)| {
+                let controls = self.points[span - degree..=span].iter();
+                (distance_from_box(to, controls), ends)
+            })
             .collect();
-        pieces.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        pieces.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut best: Option<CurveFoot> = None;
-        for (min_distance, span) in pieces {
+        for (min_distance, [low, high]) in pieces {
             if best.is_some_and(|best| best.distance <= min_distance) {
                 break;
             }
-            let (low, high) = (spline.knots.knots()[span], spline.knots.knots()[span + 1]);
             let samples = (0..=2 * degree)
                 .map(|k| low + (high - low) * (k as f64 / (2 * degree) as f64))
                 .map(|t| (self.distance(t, to), t));
@@ -139,17 +143,6 @@ impl Curve {
         }
         let point = self.point(t);
         CurveFoot { t, point, distance: (to - point).norm() }
-    }
-
-    /// A lower bound of the distance to a piece of the curve: the distance to the bounding box of the piece's control points.
-    fn distance_from_box(&self, to: Point3<f64>, controls: &std::ops::Range<usize>) -> f64 {
-        let mut low = Vector3::repeat(f64::INFINITY);
-        let mut high = Vector3::repeat(f64::NEG_INFINITY);
-        for point in &self.points[controls.clone()] {
-            low = low.inf(&point.coords);
-            high = high.sup(&point.coords);
-        }
-        (low - to.coords).sup(&(to.coords - high)).sup(&Vector3::zeros()).norm()
     }
 }
 

@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3, Vector4};
 
 use super::{Curve, Spline};
+use crate::mesh::diagonal;
 
 /// The maximum distance of the approximating polyline from the curve, as a fraction of the diagonal of the control points' bounding box. At
 /// 1/1000 the distance is invisible in a picture of 1000 pixels.
@@ -72,7 +73,7 @@ impl Curve {
         let Some(spline) = &self.spline else { return self.points.to_vec() };
         let pieces = if pieces == 0 { self.choose_pieces(spline) } else { pieces };
         let mut points = Vec::new();
-        for (low, high) in spans(spline) {
+        for (_, [low, high]) in spline.knots.spans() {
             points.extend(
                 (0..pieces).map(|k| self.point(low + (high - low) * (k as f64 / pieces as f64))),
             );
@@ -86,7 +87,7 @@ impl Curve {
     /// The number of segments per span that keeps the chords within the tolerance. It is doubled until the middle of each segment is near
     /// enough to its chord.
     fn choose_pieces(&self, spline: &Spline) -> usize {
-        let allowed = CHORD * self.diagonal();
+        let allowed = CHORD * diagonal(&self.points);
         let mut pieces = 1;
         while pieces < MAX_PIECES && !self.has_chords_within(spline, pieces, allowed) {
             pieces *= 2;
@@ -96,7 +97,7 @@ impl Curve {
 
     /// Returns true if, with `pieces` segments per span, the middle of each segment is within the distance `allowed` of its chord.
     fn has_chords_within(&self, spline: &Spline, pieces: usize, allowed: f64) -> bool {
-        spans(spline).all(|(low, high)| {
+        spline.knots.spans().all(|(_, [low, high])| {
             (0..pieces).all(|k| {
                 let [start, middle, end] = [2 * k, 2 * k + 1, 2 * k + 2]
                     .map(|k| self.point(low + (high - low) * (k as f64 / (2 * pieces) as f64)));
@@ -124,13 +125,6 @@ impl Curve {
             sum + (self.points[control].coords * weight).push(weight) * value
         })
     }
-}
-
-/// The start and end parameters of the spans that are not empty.
-fn spans(spline: &Spline) -> impl Iterator<Item = (f64, f64)> {
-    let knots = &spline.knots;
-    let domain = &knots.knots()[knots.degree()..=knots.n_control()];
-    domain.windows(2).filter(|span| span[0] < span[1]).map(|span| (span[0], span[1]))
 }
 
 /// The distance of a point from a line segment.

@@ -43,21 +43,6 @@ impl KnotVector {
         (basis.first, basis.values[..=self.degree()].to_vec())
     }
 
-    /// The basis functions at `u` and their derivatives up to `order`. Entry `k` holds the `k`-th derivatives of degree + 1 functions, and
-    /// the returned index is that of the control point of the first function. Derivatives of an order above the degree are 0. At a knot,
-    /// the derivatives are those in the span that [`span`](Self::span) finds. `u` is clamped to the domain; NaN means the start of the
-    /// domain.
-    ///
-    /// The NURBS Book, eq. 2.7, applied to the basis functions of lower degree.
-    pub fn basis_derivatives(&self, u: f64, order: usize) -> (usize, Vec<Vec<f64>>) {
-        (
-            self.span(u) - self.degree(),
-            (0..=order)
-                .map(|k| self.basis_derivative(u, k).values[..=self.degree()].to_vec())
-                .collect(),
-        )
-    }
-
     /// The Greville abscissae: for each control point the mean of the degree inner knots of its basis function. A B-spline whose control
     /// points are an affine function of these abscissae equals that function.
     pub fn greville(&self) -> Vec<f64> {
@@ -129,7 +114,10 @@ impl KnotVector {
         u.max(start).min(end)
     }
 
-    /// The `order`-th derivatives of the basis functions at `u`.
+    /// The `order`-th derivatives of the basis functions at `u`. Derivatives of an order above the degree are 0. At a knot, the derivatives
+    /// are those in the span that [`span`](Self::span) finds.
+    ///
+    /// The NURBS Book, eq. 2.7, applied to the basis functions of lower degree.
     pub(crate) fn basis_derivative(&self, u: f64, order: usize) -> Basis {
         let u = self.clamp(u);
         let (span, degree) = (self.span(u), self.degree());
@@ -242,8 +230,9 @@ pub(super) mod tests {
     #[test]
     fn derivatives_of_the_cubic_bernstein_polynomials_are_known() {
         let knots = KnotVector::new(3, vec![0., 0., 0., 0., 1., 1., 1., 1.]).unwrap();
-        let (first, rows) = knots.basis_derivatives(0.5, 4);
-        assert_eq!(first, 0);
+        let rows = [0, 1, 2, 3, 4].map(|order| knots.basis_derivative(0.5, order));
+        assert!(rows.iter().all(|row| row.first == 0));
+        let rows = rows.map(|row| row.values[..4].to_vec());
         assert_eq!(rows[0], [0.125, 0.375, 0.375, 0.125]);
         assert_eq!(rows[1], [-0.75, -0.75, 0.75, 0.75]);
         assert_eq!(rows[2], [3.0, -3.0, -3.0, 3.0]);

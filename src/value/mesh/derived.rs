@@ -9,8 +9,9 @@ use nalgebra::{Point3, Vector3};
 
 use super::{BLOCK, Mesh, bounds};
 use crate::column::WeakColumn;
+use crate::content::Content;
 use crate::parallel::*;
-use crate::{Column, Encoder, Hash, Material, Rgb, material};
+use crate::{Column, DecodeError, Decoder, Encoder, Hash, Material, Rgb};
 
 mod face_bins;
 mod update;
@@ -104,6 +105,15 @@ impl PartialEq for DerivedData {
     }
 }
 
+/// Nothing is written, because the caches can be computed again.
+impl Content for DerivedData {
+    fn encode(&self, _: &mut Encoder) {}
+
+    fn decode(_: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self::default())
+    }
+}
+
 impl fmt::Debug for DerivedData {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("..")
@@ -144,7 +154,7 @@ impl Mesh {
         let uv = vertex.or(corner).filter(|_| is_shown)?;
         let by_corner = vertex.is_none() || faces.is_some();
         let hash_of_inputs = Encoder::hash("texture colors", |to| {
-            material::encode(&self.materials, to.plain(&u8::from(vertex.is_some())).column(uv));
+            self.materials.encode(to.plain(&u8::from(vertex.is_some())).column(uv));
             if by_corner {
                 self.faces.encode(to);
             }
@@ -235,31 +245,13 @@ fn to_single_precision(normals: &[Vector3<f64>]) -> Vec<[f32; 3]> {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Point3;
-
     use super::*;
     use crate::rng::Random;
-    use crate::{Attribute, Faces, Image, MATERIAL_ATTRIBUTE};
+    use crate::{Attribute, Image, MATERIAL_ATTRIBUTE};
 
-    /// A bumpy sheet of triangles or quads.
-    fn sheet(width: u32, quads: bool) -> Mesh {
-        let position =
-            |k: u32| Point3::new(f64::from(k % width), f64::from(k / width), f64::from(k * k % 7));
-        let cells = (0..(width - 1) * (width - 1))
-            .map(|k: u32| (k / (width - 1)) * width + k % (width - 1));
-        let faces = match quads {
-            true => Faces::uniform(
-                4,
-                cells.flat_map(|a| [a, a + 1, a + width + 1, a + width]).collect::<Vec<_>>(),
-            )
-            .unwrap(),
-            false => Faces::triangles(
-                cells
-                    .flat_map(|a| [[a, a + 1, a + width], [a + 1, a + width + 1, a + width]])
-                    .collect(),
-            ),
-        };
-        Mesh::new((0..width * width).map(position).collect::<Vec<_>>(), faces).unwrap()
+    /// A bumpy square sheet of faces with 3 or 4 sides.
+    fn sheet(width: u32, sides: usize) -> Mesh {
+        super::super::tests::sheet([width; 2], sides, |k| f64::from(k * k % 7))
     }
 
     fn recomputed_normals(mesh: &Mesh) -> Vec<[f32; 3]> {
@@ -273,7 +265,7 @@ mod tests {
         }
         let red = Material::from_picture(picture([255, 0, 0]));
         let green = Material { base_color: [0.0, 1.0, 0.0, 1.0], ..Material::default() };
-        let mesh = sheet(2, false);
+        let mesh = sheet(2, 3);
         assert_eq!(mesh.texture_colors(), None);
         let uv = Attribute::Pair(vec![[0.5; 2]; 4].into());
         let mesh = mesh.with_vertex("uv", uv).unwrap();
@@ -292,8 +284,8 @@ mod tests {
     #[test]
     fn updated_normals_equal_recomputed_ones() {
         let mut dice = Random(3);
-        for (width, quads) in [(2, true), (2, false), (70, true), (150, false)] {
-            let mut mesh = sheet(width, quads);
+        for (width, sides) in [(2, 4), (2, 3), (70, 4), (150, 3)] {
+            let mut mesh = sheet(width, sides);
             let mut kept = mesh.cached_normals();
             for round in 0..20 {
                 // Every other round makes two moves in a row and does not request the normals between them.
@@ -329,7 +321,7 @@ mod tests {
 
     #[test]
     fn normals_are_recomputed_after_large_moves() {
-        let mesh = sheet(9, false);
+        let mesh = sheet(9, 3);
         let kept = mesh.cached_normals();
         let lifted: Vec<_> =
             mesh.positions().iter().map(|position| position.map(|x| x * x)).collect();

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::{Attribute, Mesh};
+use crate::content::Content;
 use crate::{Encoder, Hash};
 
 /// The rows of vertices in which a mesh differs from an earlier mesh, in ascending order and disjoint.
@@ -70,7 +71,7 @@ mod tests {
                     .filter(|(vertex, _)| *vertex == 3)
                     .for_each(|(_, to)| to.y = f64::NAN);
             });
-        assert_eq!(refused.map(|_| ()), Err(MeshError::NotFinite { vertex: 3 }));
+        assert_eq!(refused.map(|_| ()), Err(MeshError::not_finite(3)));
         let expected = MovedRows { vertices: vec![1..2, 3..4], normals: vec![] };
         assert_eq!(moved.moved_since(&mesh), Some(expected.clone()));
         assert_eq!(mesh.moved_since(&mesh), Some(MovedRows::default()));

@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use super::derived::FaceBins;
 use super::{BLOCK, MeshError, check_count};
+use crate::content::Content;
 use crate::memory::huge_vec;
 use crate::parallel::*;
 use crate::{Column, DecodeError, Decoder, Encoder};
@@ -45,10 +46,10 @@ impl Faces {
     pub fn uniform(sides: usize, corners: impl Into<Column<u32>>) -> Result<Self, MeshError> {
         let corners = corners.into();
         if sides < 3 {
-            return Err(MeshError::FewCorners { face: 0, corners: sides });
+            return Err(few_corners(0, sides));
         }
         if corners.len() % sides != 0 {
-            return Err(MeshError::CutOff { corners: corners.len(), sides });
+            return Err(cut_off(corners.len(), sides));
         }
         check_count("corners", corners.len())?;
         Ok(Self::new(corners, Shape::Uniform(sides)))
@@ -65,10 +66,10 @@ impl Faces {
     /// If a face has fewer than 3 corners, or the sum of the numbers is not the number of corners.
     pub fn polygons(sides: &[usize], corners: Vec<u32>) -> Result<Self, MeshError> {
         if let Some(face) = sides.iter().position(|&sides| sides < 3) {
-            return Err(MeshError::FewCorners { face, corners: sides[face] });
+            return Err(few_corners(face, sides[face]));
         }
         if sides.iter().sum::<usize>() != corners.len() {
-            return Err(MeshError::CutOff { corners: corners.len(), sides: 0 });
+            return Err(cut_off(corners.len(), 0));
         }
         check_count("corners", corners.len())?;
         let first = sides.first().copied().unwrap_or(3);
@@ -244,25 +245,35 @@ impl Faces {
             to.column(starts);
         });
     }
+}
 
-    /// Reads what [`Faces::encode`] wrote, for types that contain faces.
-    ///
-    /// # Errors
-    /// If the content is not what `encode` writes.
-    pub fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+impl Content for Faces {
+    fn encode(&self, to: &mut Encoder) {
+        self.encode(to);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         let corners = from.column()?;
         let [sides] = from.counts()?;
         let shape = from.option(Decoder::column)?.map_or(Shape::Uniform(sides), Shape::Mixed);
         Ok(Self::new(corners, shape))
     }
 
-    pub(super) fn size(&self) -> usize {
+    fn size(&self) -> usize {
         self.corners.size()
             + match &self.shape {
                 Shape::Uniform(_) => 0,
                 Shape::Mixed(starts) => starts.size(),
             }
     }
+}
+
+fn few_corners(face: usize, corners: usize) -> MeshError {
+    MeshError::Invalid(format!("face {face} has {corners} corners; a face has at least 3"))
+}
+
+fn cut_off(corners: usize, sides: usize) -> MeshError {
+    MeshError::Invalid(format!("{corners} corners do not make faces of {sides} corners each"))
 }
 
 /// The minimum number of vertices that some faces of `N` corners require. `None` if a face contains a vertex twice.
@@ -285,10 +296,15 @@ const FEW_CORNERS: usize = 16;
 
 fn check_face(face: usize, corners: &[u32], vertices: usize) -> Result<(), MeshError> {
     if let Some(&vertex) = corners.iter().find(|&&vertex| vertices <= vertex as usize) {
-        return Err(MeshError::NoVertex { face, vertex, vertices });
+        return Err(MeshError::Invalid(format!(
+            "face {face} refers to vertex {vertex}, but there are only {vertices}"
+        )));
     }
     match first_repeated_vertex(corners) {
-        Some(corner) => Err(MeshError::RepeatedVertex { face, vertex: corners[corner] }),
+        Some(corner) => {
+            let vertex = corners[corner];
+            Err(MeshError::Invalid(format!("face {face} contains vertex {vertex} twice")))
+        }
         None => Ok(()),
     }
 }

@@ -101,13 +101,9 @@ impl TriangleTree {
     pub fn search(&self, points: &[Point3<f64>]) -> (Vec<Option<NearestPoint>>, usize) {
         const CHUNK: usize = 2048;
         let finite = points.iter().filter(|point| point.coords.iter().all(|x| x.is_finite()));
-        let bounds = finite.fold(None, |bounds: Option<(Point3<f64>, Point3<f64>)>, point| {
-            let (low, high) = bounds.unwrap_or((*point, *point));
-            Some((low.inf(point), high.sup(point)))
-        });
         // Each search begins in the leaf where the last one ended, because points that are neighbors along the curve are close to each
         // other.
-        let order = along_curve(points.len(), |index| points[index], bounds);
+        let order = along_curve(points.len(), |index| points[index], super::bounds(finite));
         let chunks: Vec<_> = order
             .par_chunks(CHUNK)
             .map(|indices| {
@@ -405,23 +401,12 @@ pub fn closest_on_triangle(p: Point3<f64>, [a, b, c]: [Point3<f64>; 3]) -> (f64,
 
 #[cfg(test)]
 mod tests {
-    use super::super::Faces;
+    use super::super::tests::sheet;
     use super::*;
 
     #[test]
     fn the_tree_finds_the_same_nearest_points_as_a_full_scan() {
-        let quads = (0..19).flat_map(|row| (0..19).map(move |column| row * 20 + column));
-        let faces = quads.flat_map(|a: u32| [[a, a + 1, a + 20], [a + 1, a + 21, a + 20]]);
-        let mesh = Mesh::new(
-            (0..400)
-                .map(|k: u32| {
-                    let bump = f64::from(k * k % 17) / 5.0;
-                    Point3::new(f64::from(k % 20), f64::from(k / 20), bump)
-                })
-                .collect::<Vec<_>>(),
-            Faces::triangles(faces.collect()),
-        );
-        let mesh = mesh.unwrap();
+        let mesh = sheet([20, 20], 3, |k| f64::from(k * k % 17) / 5.0);
         let tree = TriangleTree::new(&mesh);
         let points: Vec<_> = (0..200u32)
             .map(|k| {

@@ -23,35 +23,63 @@ impl<P: Parallel> IntoParallel for P {
 }
 
 /// Parallel iteration over slices.
-pub trait ParallelSlice<T: Sync> {
+pub trait ParallelSlice<T: Sync>: AsRef<[T]> {
     /// Returns a parallel iterator over references to the items.
-    fn par_iter(&self) -> Items<'_, T>;
+    fn par_iter(&self) -> Items<'_, T> {
+        Items(self.as_ref())
+    }
+
     /// Chunks of `size` items, the last one possibly shorter.
     ///
     /// # Panics
     /// If `size` is 0.
-    fn par_chunks(&self, size: usize) -> Chunks<'_, T>;
+    fn par_chunks(&self, size: usize) -> Chunks<'_, T> {
+        assert!(size > 0, "chunks without items");
+        Chunks { items: self.as_ref(), size }
+    }
+
     /// Chunks of exactly `size` items. A shorter rest at the end is left out.
     ///
     /// # Panics
     /// If `size` is 0.
-    fn par_chunks_exact(&self, size: usize) -> Chunks<'_, T>;
+    fn par_chunks_exact(&self, size: usize) -> Chunks<'_, T> {
+        let items = self.as_ref();
+        items[..items.len() - items.len() % size].par_chunks(size)
+    }
+
     /// Overlapping windows of `size` items.
     ///
     /// # Panics
     /// If `size` is 0.
-    fn par_windows(&self, size: usize) -> Windows<'_, T>;
+    fn par_windows<'a>(&'a self, size: usize) -> impl Parallel<Item = &'a [T]>
+    where
+        T: 'a,
+    {
+        assert!(size > 0, "windows without items");
+        let items = self.as_ref();
+        let starts = 0..(items.len() + 1).saturating_sub(size);
+        starts.into_par_iter().map(move |start| &items[start..start + size])
+    }
 }
 
+impl<T: Sync> ParallelSlice<T> for [T] {}
+
 /// Parallel mutable iteration over slices.
-pub trait ParallelSliceMut<T: Send> {
+pub trait ParallelSliceMut<T: Send>: AsMut<[T]> {
     /// Returns a parallel iterator over mutable references to the items.
-    fn par_iter_mut(&mut self) -> ItemsMut<'_, T>;
+    fn par_iter_mut(&mut self) -> ItemsMut<'_, T> {
+        ItemsMut(self.as_mut())
+    }
+
     /// Chunks of `size` items, the last one possibly shorter.
     ///
     /// # Panics
     /// If `size` is 0.
-    fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T>;
+    fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T> {
+        assert!(size > 0, "chunks without items");
+        ChunksMut { items: self.as_mut(), size }
+    }
+
     /// Chunks of at most `size` items of the given rows. Each chunk comes with the range of its indices.
     ///
     /// # Panics
@@ -60,52 +88,9 @@ pub trait ParallelSliceMut<T: Send> {
         &mut self,
         rows: &[Range<u32>],
         size: usize,
-    ) -> VecItems<(Range<u32>, &mut [T])>;
-    /// Sorts the slice. Equal items may change their order.
-    fn par_sort_unstable(&mut self)
-    where
-        T: Ord;
-    /// Sorts the slice by keys. Items with equal keys may change their order.
-    fn par_sort_unstable_by_key<K: Ord>(&mut self, key: impl Fn(&T) -> K + Sync);
-}
-
-impl<T: Sync> ParallelSlice<T> for [T] {
-    fn par_iter(&self) -> Items<'_, T> {
-        Items(self)
-    }
-
-    fn par_chunks(&self, size: usize) -> Chunks<'_, T> {
-        assert!(size > 0, "chunks without items");
-        Chunks { items: self, size }
-    }
-
-    fn par_chunks_exact(&self, size: usize) -> Chunks<'_, T> {
-        self[..self.len() - self.len() % size].par_chunks(size)
-    }
-
-    fn par_windows(&self, size: usize) -> Windows<'_, T> {
-        assert!(size > 0, "windows without items");
-        Windows { items: self, size }
-    }
-}
-
-impl<T: Send> ParallelSliceMut<T> for [T] {
-    fn par_iter_mut(&mut self) -> ItemsMut<'_, T> {
-        ItemsMut(self)
-    }
-
-    fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T> {
-        assert!(size > 0, "chunks without items");
-        ChunksMut { items: self, size }
-    }
-
-    fn par_rows_mut(
-        &mut self,
-        rows: &[Range<u32>],
-        size: usize,
     ) -> VecItems<(Range<u32>, &mut [T])> {
         let mut pieces = Vec::with_capacity(rows.len());
-        let (mut rest, mut first) = (self, 0);
+        let (mut rest, mut first) = (self.as_mut(), 0);
         for row in rows {
             assert!(first <= row.start, "rows are in order and apart from each other");
             let (_, after) = rest.split_at_mut((row.start - first) as usize);
@@ -120,56 +105,41 @@ impl<T: Send> ParallelSliceMut<T> for [T] {
         VecItems(pieces)
     }
 
+    /// Sorts the slice. Equal items may change their order.
     fn par_sort_unstable(&mut self)
     where
         T: Ord,
     {
-        rayon::slice::ParallelSliceMut::par_sort_unstable(self);
+        rayon::slice::ParallelSliceMut::par_sort_unstable(self.as_mut());
     }
 
+    /// Sorts the slice by keys. Items with equal keys may change their order.
     fn par_sort_unstable_by_key<K: Ord>(&mut self, key: impl Fn(&T) -> K + Sync) {
-        rayon::slice::ParallelSliceMut::par_sort_unstable_by_key(self, key);
+        rayon::slice::ParallelSliceMut::par_sort_unstable_by_key(self.as_mut(), key);
     }
 }
 
-impl<'a, T: Sync> IntoParallel for &'a [T] {
-    type Items = Items<'a, T>;
+impl<T: Send> ParallelSliceMut<T> for [T] {}
 
-    fn into_par_iter(self) -> Items<'a, T> {
-        Items(self)
-    }
+/// Implements [`IntoParallel`] for a collection.
+macro_rules! into_parallel {
+    ($($bound:ident $collection:ty => $items:ident<$($lifetime:lifetime)? T>)+) => {$(
+        impl<$($lifetime,)? T: $bound> IntoParallel for $collection {
+            type Items = $items<$($lifetime,)? T>;
+
+            fn into_par_iter(self) -> Self::Items {
+                $items(self)
+            }
+        }
+    )+};
 }
 
-impl<'a, T: Sync> IntoParallel for &'a Vec<T> {
-    type Items = Items<'a, T>;
-
-    fn into_par_iter(self) -> Items<'a, T> {
-        Items(self)
-    }
-}
-
-impl<'a, T: Send> IntoParallel for &'a mut [T] {
-    type Items = ItemsMut<'a, T>;
-
-    fn into_par_iter(self) -> ItemsMut<'a, T> {
-        ItemsMut(self)
-    }
-}
-
-impl<'a, T: Send> IntoParallel for &'a mut Vec<T> {
-    type Items = ItemsMut<'a, T>;
-
-    fn into_par_iter(self) -> ItemsMut<'a, T> {
-        ItemsMut(self)
-    }
-}
-
-impl<T: Send> IntoParallel for Vec<T> {
-    type Items = VecItems<T>;
-
-    fn into_par_iter(self) -> VecItems<T> {
-        VecItems(self)
-    }
+into_parallel! {
+    Sync &'a [T] => Items<'a T>
+    Sync &'a Vec<T> => Items<'a T>
+    Send &'a mut [T] => ItemsMut<'a T>
+    Send &'a mut Vec<T> => ItemsMut<'a T>
+    Send Vec<T> => VecItems<T>
 }
 
 /// The items of a slice.
@@ -264,34 +234,6 @@ impl<'a, T: Send> Parallel for ChunksMut<'a, T> {
 
     fn part(self) -> slice::ChunksMut<'a, T> {
         self.items.chunks_mut(self.size)
-    }
-}
-
-/// Overlapping windows of a slice.
-#[derive(Clone, Debug)]
-pub struct Windows<'a, T> {
-    items: &'a [T],
-    size: usize,
-}
-
-impl<'a, T: Sync> Parallel for Windows<'a, T> {
-    type Item = &'a [T];
-    type Part = slice::Windows<'a, T>;
-
-    fn index_count(&self) -> usize {
-        (self.items.len() + 1).saturating_sub(self.size)
-    }
-
-    fn split_at(self, index: usize) -> (Self, Self) {
-        let before = self.items.len().min(index + self.size - 1);
-        (
-            Self { items: &self.items[..before], ..self },
-            Self { items: &self.items[index..], ..self },
-        )
-    }
-
-    fn part(self) -> slice::Windows<'a, T> {
-        self.items.windows(self.size)
     }
 }
 

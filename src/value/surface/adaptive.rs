@@ -286,23 +286,14 @@ fn key([x, y]: [u32; 2]) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::{ControlNet, KnotVector};
-    use super::super::evaluate::tests::surface;
+    use super::super::super::KnotVector;
+    use super::super::evaluate::tests::{net, surface};
     use super::*;
 
     /// A plane with one steep hill as a test surface.
     fn hill() -> Surface {
-        let net = ControlNet::new(
-            12,
-            12,
-            (0..144)
-                .map(|k: usize| {
-                    let (x, y) = ((k % 12) as f64, (k / 12) as f64);
-                    Point3::new(x, y, if (k % 12, k / 12) == (3, 4) { 6.0 } else { 0.0 })
-                })
-                .collect::<Vec<_>>(),
-        )
-        .unwrap();
+        let net =
+            net(12, 12, |y, x| Point3::new(x, y, if (x, y) == (3.0, 4.0) { 6.0 } else { 0.0 }));
         let knots = KnotVector::uniform(12, 4).unwrap();
         Surface::new(net, knots.clone(), knots).unwrap()
     }

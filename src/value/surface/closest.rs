@@ -2,7 +2,8 @@
 
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
-use super::{Derivatives, KnotVector, Surface};
+use super::{Derivatives, Surface};
+use crate::mesh::distance_from_box;
 
 /// The point of a surface closest to a given point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,31 +35,25 @@ impl Surface {
     /// point found so far. In every other piece the best of (2 p + 1) x (2 q + 1) samples (p and q are the degrees) starts
     /// [`closest_from`](Self::closest_from). If several points are equally close, any of them may be returned, but always the same one.
     pub fn closest(&self, to: Point3<f64>) -> Foot {
-        let (p, q) = (self.u.degree(), self.v.degree());
-        fn spans(knots: &KnotVector) -> Vec<usize> {
-            (knots.degree()..knots.n_control())
-                .filter(|span| knots.knots()[*span] < knots.knots()[span + 1])
-                .collect()
+        let (p, q, columns) = (self.u.degree(), self.v.degree(), self.net.columns());
+        let mut pieces: Vec<(f64, [[f64; 2]; 2])> = Vec::new();
+        for (u, ends_u) in self.u.spans() {
+            pieces.extend(self.v.spans().map(|(v, ends_v)| {
+                let rows =
+                    (u - p..=u).flat_map(|row| &self.net.points()[row * columns..][v - q..=v]);
+                (distance_from_box(to, rows), [ends_u, ends_v])
+            }));
         }
-        let (us, vs) = (spans(&self.u), spans(&self.v));
-        let mut pieces: Vec<(f64, usize, usize)> = Vec::with_capacity(us.len() * vs.len());
-        for &u in &us {
-            pieces.extend(vs.iter().map(|&v| (self.distance_from_box(to, u, v), u, v)));
-        }
-        pieces.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        pieces.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut best: Option<Foot> = None;
-        for (min_distance, u, v) in pieces {
+        for (min_distance, [ends_u, ends_v]) in pieces {
             if best.is_some_and(|best| best.distance <= min_distance) {
                 break;
             }
-            fn samples_of_span(knots: &KnotVector, span: usize, count: usize) -> Vec<f64> {
-                let (low, high) = (knots.knots()[span], knots.knots()[span + 1]);
-                (0..count)
-                    .map(|k| low + (high - low) * (k as f64 / (count - 1) as f64))
-                    .collect::<Vec<f64>>()
+            fn samples([low, high]: [f64; 2], count: usize) -> Vec<f64> {
+                (0..count).map(|k| low + (high - low) * (k as f64 / (count - 1) as f64)).collect()
             }
-            let (at_u, at_v) =
-                (samples_of_span(&self.u, u, 2 * p + 1), samples_of_span(&self.v, v, 2 * q + 1));
+            let (at_u, at_v) = (samples(ends_u, 2 * p + 1), samples(ends_v, 2 * q + 1));
             let samples = at_u.iter().flat_map(|&u| at_v.iter().map(move |&v| [u, v]));
             let distances = samples.map(|[u, v]| ((self.point(u, v) - to).norm(), [u, v]));
             let Some((_, start)) = distances.min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
@@ -106,22 +101,6 @@ impl Surface {
         }
         let point = self.point(at.x, at.y);
         Foot { u: at.x, v: at.y, point, distance: (point - to).norm() }
-    }
-
-    /// A lower bound of the distance to a piece of the surface: the distance to the bounding box of the piece's control points.
-    fn distance_from_box(&self, to: Point3<f64>, span_u: usize, span_v: usize) -> f64 {
-        let (p, q) = (self.u.degree(), self.v.degree());
-        let columns = self.net.columns();
-        let mut low = Vector3::repeat(f64::INFINITY);
-        let mut high = Vector3::repeat(f64::NEG_INFINITY);
-        for row in span_u - p..=span_u {
-            for point in &self.net.points()[row * columns + span_v - q..=row * columns + span_v] {
-                low = low.inf(&point.coords);
-                high = high.sup(&point.coords);
-            }
-        }
-        let beyond = (low - to.coords).sup(&(to.coords - high)).sup(&Vector3::zeros());
-        beyond.norm()
     }
 }
 
@@ -184,7 +163,7 @@ fn step(
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::ControlNet;
+    use super::super::super::{ControlNet, KnotVector};
     use super::super::evaluate::tests::{samples, surface};
     use super::*;
 

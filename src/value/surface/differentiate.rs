@@ -125,7 +125,7 @@ fn normal(u: Vector3<f64>, v: Vector3<f64>) -> Option<Unit<Vector3<f64>>> {
 #[cfg(test)]
 mod tests {
     use super::super::super::ControlNet;
-    use super::super::evaluate::tests::surface;
+    use super::super::evaluate::tests::{net, surface};
     use super::*;
 
     #[test]
@@ -152,19 +152,11 @@ mod tests {
     #[test]
     fn a_pole_far_from_the_origin_has_a_normal_too() {
         // The control points at the pole are equal, but rounding leaves a tangent of about 1e-14.
-        let net = ControlNet::new(
-            4,
-            9,
-            (0..36)
-                .map(|k: usize| {
-                    let angle = 2.0 * std::f64::consts::PI * (k % 9) as f64 / 8.0;
-                    let radius = (k / 9) as f64;
-                    let [x, y] = [radius * libm::cos(angle), radius * libm::sin(angle)];
-                    Point3::new(21.3 + x, 19.7 + y, 700.1)
-                })
-                .collect::<Vec<_>>(),
-        )
-        .unwrap();
+        let net = net(4, 9, |radius, k| {
+            let angle = 2.0 * std::f64::consts::PI * k / 8.0;
+            let [x, y] = [radius * libm::cos(angle), radius * libm::sin(angle)];
+            Point3::new(21.3 + x, 19.7 + y, 700.1)
+        });
         let weights = (0..36).map(|k| 0.3 + 0.1 * (k % 9) as f64).collect();
         let net = net.with_weights(weights).unwrap();
         let [u, v] = [4, 9].map(|count| KnotVector::uniform(count, 3).unwrap());
@@ -180,18 +172,10 @@ mod tests {
     #[test]
     fn a_pole_has_a_normal() {
         // A cone, for which all points in the first row of the net are equal.
-        let net = ControlNet::new(
-            3,
-            5,
-            (0..15)
-                .map(|k: usize| {
-                    let angle = std::f64::consts::PI * (k % 5) as f64 / 4.0;
-                    let radius = (k / 5) as f64;
-                    Point3::new(radius * libm::cos(angle), radius * libm::sin(angle), radius)
-                })
-                .collect::<Vec<_>>(),
-        )
-        .unwrap();
+        let net = net(3, 5, |radius, k| {
+            let angle = std::f64::consts::PI * k / 4.0;
+            Point3::new(radius * libm::cos(angle), radius * libm::sin(angle), radius)
+        });
         let [u, v] = [3, 5].map(|count| KnotVector::uniform(count, 3).unwrap());
         let cone = Surface::new(net, u, v).unwrap();
         let (pole, near) = (cone.normal(0.0, 1.5).unwrap(), cone.normal(1e-3, 1.5).unwrap());

@@ -75,31 +75,24 @@ pub(super) mod tests {
     use super::super::super::ControlNet;
     use super::*;
 
+    /// A net whose points are a function of row and column.
+    pub(crate) fn net(
+        rows: usize,
+        columns: usize,
+        point: impl Fn(f64, f64) -> Point3<f64>,
+    ) -> ControlNet {
+        let points = (0..rows).flat_map(|a| (0..columns).map(move |b| (a as f64, b as f64)));
+        let points: Vec<_> = points.map(|(a, b)| point(a, b)).collect();
+        ControlNet::new(rows, columns, points).unwrap()
+    }
+
     /// A wavy net with weights from 0.5 to 2.
     fn wavy(rows: usize, columns: usize) -> ControlNet {
-        let count = rows * columns;
-        ControlNet::new(
-            rows,
-            columns,
-            (0..count)
-                .map(|index: usize| {
-                    let (a, b) = ((index / columns) as f64, (index % columns) as f64);
-                    Point3::new(
-                        b + 0.2 * libm::sin(a),
-                        a + 0.1 * libm::cos(3.0 * b),
-                        libm::sin(a * b),
-                    )
-                })
-                .collect::<Vec<_>>(),
-        )
-        .and_then(|net| {
-            net.with_weights(
-                (0..count)
-                    .map(|index: usize| 0.5 + 1.5 * ((index * 7) % 10) as f64 / 9.0)
-                    .collect(),
-            )
-        })
-        .unwrap()
+        let weights = (0..rows * columns).map(|k| 0.5 + 1.5 * ((k * 7) % 10) as f64 / 9.0);
+        let net = net(rows, columns, |a, b| {
+            Point3::new(b + 0.2 * libm::sin(a), a + 0.1 * libm::cos(3.0 * b), libm::sin(a * b))
+        });
+        net.with_weights(weights.collect()).unwrap()
     }
 
     pub(crate) fn surface(orders: [usize; 2]) -> Surface {
@@ -114,18 +107,12 @@ pub(super) mod tests {
 
     fn cylinder() -> Surface {
         let square = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)];
-        fn points(z: f64, square: &[(i32, i32); 9]) -> [Point3<f64>; 9] {
-            square.map(|(x, y)| Point3::new(f64::from(x), f64::from(y), z))
-        }
-        let net =
-            ControlNet::new(2, 9, [points(0.0, &square), points(2.0, &square)].concat()).unwrap();
-        let net = net
-            .with_weights(
-                (0..2)
-                    .flat_map(|_| (0..9).map(|k| if k % 2 == 0 { 1.0 } else { 0.5f64.sqrt() }))
-                    .collect(),
-            )
-            .unwrap();
+        let net = net(2, 9, |a, b| {
+            let (x, y) = square[b as usize];
+            Point3::new(f64::from(x), f64::from(y), 2.0 * a)
+        });
+        let weights = [1.0, 0.5f64.sqrt()].into_iter().cycle().take(9).collect::<Vec<_>>();
+        let net = net.with_weights(weights.repeat(2)).unwrap();
         Surface::new(net, KnotVector::uniform(2, 2).unwrap(), KnotVector::cylinder()).unwrap()
     }
 
@@ -230,10 +217,8 @@ pub(super) mod tests {
         fn plane_point(a: f64, b: f64) -> Point3<f64> {
             Point3::new(3.0 + 0.5 * b, -1.0 + 0.25 * a + 0.1 * b, a - b)
         }
-        let net =
-            (0..12 * 13).map(|k| plane_point((k / 13) as f64, (k % 13) as f64)).collect::<Vec<_>>();
         for order in 2..=5 {
-            let net = ControlNet::new(12, 13, net.clone()).unwrap();
+            let net = net(12, 13, plane_point);
             let [u, v] = [12, 13].map(|count| KnotVector::uniform(count, order).unwrap());
             let surface = Surface::new(net.clone(), u, v).unwrap();
             for (index, point) in net.points().iter().enumerate() {
@@ -248,15 +233,8 @@ pub(super) mod tests {
             }
             // A net that is linear in the Greville abscissae gives a surface that is linear in the parameters.
             let abscissae = surface.u().greville();
-            let net = net
-                .with_points(
-                    (0..12 * 13)
-                        .map(|k: usize| {
-                            Point3::new(abscissae[k / 13], 2.0 * abscissae[k / 13], 0.0)
-                        })
-                        .collect::<Vec<_>>(),
-                )
-                .unwrap();
+            let points = abscissae.iter().flat_map(|&x| [Point3::new(x, 2.0 * x, 0.0); 13]);
+            let net = net.with_points(points.collect::<Vec<_>>()).unwrap();
             let surface = Surface::new(net, surface.u().clone(), surface.v().clone()).unwrap();
             for u in samples(surface.u(), 50) {
                 assert!((surface.point(u, 1.3) - Point3::new(u, 2.0 * u, 0.0)).norm() <= 1e-12);

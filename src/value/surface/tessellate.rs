@@ -4,6 +4,7 @@ use nalgebra::Point3;
 
 use super::super::{Attribute, Faces, KnotVector, Mesh, MeshError};
 use super::{ParameterDirection, Surface};
+use crate::mesh::diagonal;
 
 /// The maximum distance between the mesh and the surface, as a fraction of the diagonal of the control points' bounding box. At 1/1000 the
 /// distance is invisible in a picture of 1000 pixels.
@@ -73,21 +74,11 @@ impl Surface {
                 height = height.max(distance(at(k + 1), at(k), at(k + 2)));
             }
         }
-        let allowed = CHORD * self.diagonal();
+        let allowed = CHORD * diagonal(self.net.points());
         let pieces = (PIECES as f64 * (height / allowed).sqrt()).ceil();
         let spans = (fine.len() - 1) / (2 * PIECES);
         // A flat or collapsed surface gives 0 or NaN, and the cast of NaN gives 0.
         divide_spans(knots, (pieces as usize).clamp(1, (MAX_QUADS / spans).max(1)))
-    }
-
-    /// The length of the diagonal of the bounding box of all control points.
-    fn diagonal(&self) -> f64 {
-        let points = self.net.points();
-        let first = points[0].coords;
-        let (low, high) = points.iter().fold((first, first), |(low, high), point| {
-            (low.inf(&point.coords), high.sup(&point.coords))
-        });
-        (high - low).norm()
     }
 }
 
@@ -102,11 +93,10 @@ fn even(knots: &KnotVector, count: usize) -> Vec<f64> {
 /// The parameters at the ends of `pieces` equal parts of each span that is not empty.
 pub(super) fn divide_spans(knots: &KnotVector, pieces: usize) -> Vec<f64> {
     let (start, end) = knots.domain();
-    let domain = &knots.knots()[knots.degree()..=knots.n_control()];
     let mut at = vec![start];
-    for span in domain.windows(2).filter(|span| span[0] < span[1]) {
-        at.extend((1..pieces).map(|k| span[0] + (span[1] - span[0]) * (k as f64 / pieces as f64)));
-        at.push(span[1].min(end));
+    for (_, [low, high]) in knots.spans() {
+        at.extend((1..pieces).map(|k| low + (high - low) * (k as f64 / pieces as f64)));
+        at.push(high.min(end));
     }
     at
 }
@@ -144,21 +134,15 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::super::super::ControlNet;
+    use super::super::evaluate::tests::net;
     use super::*;
 
     /// The net of a capture: rows run down (y), columns run to the right (x), and the net bulges towards the sensor (-z).
     fn bulge() -> Surface {
-        let net = ControlNet::new(
-            6,
-            6,
-            (0..36)
-                .map(|k: usize| {
-                    let (y, x) = ((k / 6) as f64 - 2.5, (k % 6) as f64 - 2.5);
-                    Point3::new(x, y, 700.0 + 0.1 * (x * x + y * y))
-                })
-                .collect::<Vec<_>>(),
-        )
-        .unwrap();
+        let net = net(6, 6, |row, column| {
+            let (y, x) = (row - 2.5, column - 2.5);
+            Point3::new(x, y, 700.0 + 0.1 * (x * x + y * y))
+        });
         let knots = KnotVector::uniform(6, 3).unwrap();
         Surface::new(net, knots.clone(), knots).unwrap()
     }
@@ -192,7 +176,7 @@ mod tests {
     fn an_automatic_tessellation_stays_within_a_thousandth() {
         let surface = bulge();
         let mesh = surface.tessellate(0, 0).unwrap();
-        let allowed = CHORD * surface.diagonal();
+        let allowed = CHORD * diagonal(surface.net.points());
         let n = 1 + (mesh.faces().len() as f64).sqrt() as usize;
         assert_eq!(n * n, mesh.positions().len());
         let us = even(surface.u(), 2 * (n - 1));
@@ -216,8 +200,7 @@ mod tests {
 
     #[test]
     fn a_flat_surface_needs_one_quad_per_span() {
-        let net = (0..16).map(|k| Point3::new((k % 4) as f64, (k / 4) as f64, 0.0));
-        let net = ControlNet::new(4, 4, net.collect::<Vec<_>>()).unwrap();
+        let net = net(4, 4, |y, x| Point3::new(x, y, 0.0));
         fn flat(order: usize, net: &ControlNet) -> Mesh {
             let knots = KnotVector::uniform(4, order).unwrap();
             Surface::new(net.clone(), knots.clone(), knots).unwrap().tessellate(0, 0).unwrap()

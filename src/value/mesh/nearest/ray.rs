@@ -148,6 +148,7 @@ impl Ray {
 mod tests {
     use super::*;
     use crate::Faces;
+    use crate::mesh::tests::sheet;
     use crate::rng::Random;
 
     /// Finds the hit by testing all triangles.
@@ -208,21 +209,12 @@ mod tests {
 
     #[test]
     fn no_ray_passes_between_two_faces() {
-        fn bumpy_point(k: u32) -> Point3<f64> {
-            let bump = f64::from(k * k % 17) / 50.0;
-            Point3::new(f64::from(k % 20), f64::from(k / 20), bump)
-        }
-        let quads = (0..19).flat_map(|row| (0..19).map(move |column| row * 20 + column));
-        let quads = quads.flat_map(|a: u32| [a, a + 1, a + 21, a + 20]);
-        let faces = Faces::polygons(&[4; 19 * 19], quads.collect()).unwrap();
-        let mesh = Mesh::new((0..400).map(bumpy_point).collect::<Vec<_>>(), faces).unwrap();
+        let mesh = sheet([20, 20], 4, |k| f64::from(k * k % 17) / 50.0);
         let tree = TriangleTree::new(&mesh);
         let from = Point3::new(9.3, 8.7, 30.1);
         let mut fans = [0; 2];
-        for (a, b) in (21..380)
-            .filter(|k| (1..18).contains(&(k % 20)))
-            .map(|k| (bumpy_point(k), bumpy_point(k + 1)))
-        {
+        for k in (21..380).filter(|k| (1..18).contains(&(k % 20))) {
+            let [a, b] = [mesh.positions()[k], mesh.positions()[k + 1]];
             for fraction in [0.0, 0.25, 0.3, 1.0] {
                 let to = a + (b - a) * fraction;
                 let hit = tree.first_hit(from, to - from).unwrap();
