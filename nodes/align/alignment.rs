@@ -254,7 +254,7 @@ impl Value for Alignment {
             })
             .collect();
         Self::new(&motions.collect::<Vec<_>>(), pairs, frame.transpose()?.as_ref())
-            .map_err(|error| PartsError::Refused { why: error.to_string() })
+            .map_err(|error| PartsError::Invalid(error.to_string()))
     }
 
     /// Alignments of no scan, of one scan that does not move, and of several scans with large motions.

@@ -61,6 +61,13 @@ impl fmt::Debug for Error {
     }
 }
 
+/// Lets a program that embeds the engine use `?` where it returns `Box<dyn std::error::Error>`.
+impl From<Error> for Box<dyn std::error::Error> {
+    fn from(error: Error) -> Self {
+        MessageError(error.to_string()).into()
+    }
+}
+
 /// An error that consists of a message.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
