@@ -133,7 +133,7 @@ pub trait Parallel: Sized + Send {
     }
 
     /// Sets the minimum number of indices per part, for items that take little time.
-    fn with_min_len(self, min_len: usize) -> Adapted<Self, fn(Self::Part) -> Self::Part, true> {
+    fn with_min_len(self, min_len: usize) -> MinLen<Self> {
         let max_parts = (self.index_count() / min_len.max(1)).max(1);
         Adapted { items: self, max_parts, adapt: |part| part }
     }
@@ -228,6 +228,9 @@ pub trait Parallel: Sized + Send {
         !self.any(|item| !f(item))
     }
 }
+
+/// Items in parts of a minimum length.
+pub type MinLen<P> = Adapted<P, fn(<P as Parallel>::Part) -> <P as Parallel>::Part, true>;
 
 /// Converts the sequential iterator of each part by `adapt`. `EXACT` is true if this keeps the number of items.
 fn adapt<const EXACT: bool, P: Parallel, I: Iterator<Item: Send>>(
