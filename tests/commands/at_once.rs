@@ -5,6 +5,7 @@ use std::process::{Child, Stdio};
 
 use serde_json::json;
 
+use crate::output::stdout_of;
 use crate::project::Project;
 
 const COUNT: usize = 8;
@@ -67,7 +68,7 @@ fn no_pin_is_lost() {
     at_once(&project, |k| ["pin", "doll.ron", &format!("n{k}")].map(str::to_owned).into());
     fn count_pins(project: &Project) -> usize {
         let output = project.maquette(&["pin", "doll.ron", "--list"]);
-        String::from_utf8_lossy(&output.stdout).lines().count()
+        stdout_of(&output).lines().count()
     }
     assert_eq!(count_pins(&project), COUNT);
     at_once(&project, |k| {
@@ -92,7 +93,7 @@ fn no_update_of_a_lock_is_lost() {
             let text = format!(
                 "Graph(format: 1, inputs: {{\"mesh\": Mesh()}}, nodes: {{\"it\": Transform(mesh: \"mesh\", scale: ({scale}, 1, 1))}}, outputs: {{\"skin\": \"it\"}})"
             );
-            std::fs::write(project.folder().join(format!("u{k}.ron")), text).unwrap();
+            project.write(&format!("u{k}.ron"), text);
         }
     }
     write_used(1, &project);
@@ -102,7 +103,7 @@ fn no_update_of_a_lock_is_lost() {
         ["lock", "--update", "doll.ron", &format!("U{k}"), "--yes"].map(str::to_owned).into()
     });
     let output = project.maquette(&["lock", "--update", "doll.ron", "--yes"]);
-    let told = String::from_utf8_lossy(&output.stdout);
+    let told = stdout_of(&output);
     assert!(told.contains("is up to date"), "{told}");
 }
 
@@ -135,31 +136,9 @@ fn a_layout_is_that_of_one_of_those_who_wrote_it_and_none_is_refused() {
         let answers = told.lines().filter(|line| line.contains("\"event\":\"answer\"")).count();
         assert_eq!(answers, turns, "{told}");
     }
-    let text = std::fs::read_to_string(project.folder().join("doll.layout.ron")).unwrap();
+    let text = project.read("doll.layout.ron");
     let is_last_of = |k: &usize| text.matches(&format!(": ({k}.0, {turns}.0)")).count() == COUNT;
     assert!((0..COUNT).any(|k| is_last_of(&k)), "{text}");
     let known = ["coarse.obj", "doll.layout.ron", "doll.ron"];
     assert_eq!(names(&project), known, "nothing is left behind");
-}
-
-#[test]
-fn more_threads_than_any_machine_has_are_refused() {
-    let project = project();
-    std::fs::write(project.folder().join("doll.test.ron"), "Test(graph: \"doll.ron\")").unwrap();
-    for words in ["run doll.ron", "inspect doll.ron n0", "test ."] {
-        let words: Vec<_> = words.split(' ').chain(["--threads", "1025"]).collect();
-        let output = project.maquette(&words);
-        let told = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{words:?}: {told}");
-        assert!(told.contains("1025 are too many, there may be at most 1024"), "{words:?}: {told}");
-    }
-}
-
-#[test]
-fn a_path_with_two_slashes_that_is_set_is_no_comment() {
-    let project = project();
-    std::fs::create_dir(project.folder().join("data")).unwrap();
-    project.copy_asset("coarse.obj", "data/other.obj");
-    let output = project.maquette(&["run", "doll.ron", "--set", "mesh.path=data//other.obj"]);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }

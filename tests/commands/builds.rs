@@ -1,21 +1,19 @@
 //! Programs of one build use each other's cached results.
 
 use std::path::Path;
-use std::process::Command;
 
 use maquette::{CacheFolder, Options, Pack, Run, Session, Settings, State};
 use maquette_nodes::PACKS;
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
+use crate::output::stderr_of;
+use crate::project::{GRAPHS, Project};
 
 #[test]
 fn a_host_has_the_results_of_the_command_line() {
-    let folder = tempfile::tempdir().unwrap();
-    let (cache, out) = (folder.path().join("cache"), folder.path().join("out"));
-    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-    command.current_dir(GRAPHS).args(["run", "doll.ron", "--out"]).arg(out);
-    let output = command.env("MAQUETTE_CACHE", &cache).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let project = Project::empty();
+    let mut command = project.command(&["run", "doll.ron", "--out"]);
+    let output = command.arg(project.folder()).current_dir(GRAPHS).output().unwrap();
+    assert!(output.status.success(), "{}", stderr_of(&output));
 
     fn count_cached(packs: &[&Pack], cache: &Path) -> usize {
         let settings = Settings { cache: CacheFolder::At(cache.to_owned()), ..Settings::default() };
@@ -28,7 +26,7 @@ fn a_host_has_the_results_of_the_command_line() {
     let has_ids = Path::new(env!("CARGO_BIN_EXE_maquette"))
         .ancestors()
         .any(|folder| folder.join("Cargo.lock").is_file());
-    assert_eq!(count_cached(PACKS, &cache), if has_ids { 15 } else { 0 });
+    assert_eq!(count_cached(PACKS, project.cache()), if has_ids { 15 } else { 0 });
     let other = Pack { name: "other", ..Pack::EMPTY };
-    assert_eq!(count_cached(&[PACKS, &[&other]].concat(), &cache), 0);
+    assert_eq!(count_cached(&[PACKS, &[&other]].concat(), project.cache()), 0);
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use maquette::Hash;
 use serde_json::Value as Json;
 
+use crate::output::stderr_of;
 use crate::project::{LIFTED, Project, TETRAHEDRON};
 
 fn project() -> Project {
@@ -105,7 +106,7 @@ fn what_cannot_be_removed_is_an_error() {
     let count = files(&project, "entries").len();
     assert!(count > 0);
     let output = command.output().unwrap();
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    let told = stderr_of(&output);
     assert_eq!(output.status.code(), Some(1), "{told}");
     assert!(
         told.contains("error: cannot remove") && told.contains("= help: make the folder writable"),
@@ -114,7 +115,7 @@ fn what_cannot_be_removed_is_an_error() {
     assert_eq!(files(&project, "entries").len(), count);
     mode(0o755, &folders);
     let output = command.output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr_of(&output));
     assert_eq!(files(&project, "entries").len(), 0);
 }
 
@@ -190,7 +191,7 @@ fn name_a_forged_result(is_rewritten: bool) {
     // A run accepts the forged result unless verification is requested.
     assert_eq!(run(&project, &["run", "doll.ron"]).0, Some(0));
     if is_rewritten {
-        fs::write(project.folder().join("tet.obj"), TETRAHEDRON).unwrap();
+        project.write("tet.obj", TETRAHEDRON);
     }
     let (_, forecast, _) = run(&project, &["run", "-n", "doll.ron", "--verify-cache", "100"]);
     assert_eq!(forecast.matches("computed again to compare it").count(), 2, "{forecast}");
@@ -202,51 +203,6 @@ fn name_a_forged_result(is_rewritten: bool) {
     );
     assert!(!told.contains("`mesh` gave another result"), "{told}");
     // The output file is made from the newly computed result, not from the forged one.
-    let out = fs::read_to_string(project.folder().join("out/doll/out.obj")).unwrap();
+    let out = project.read("out/doll/out.obj");
     assert!(out.contains("v 0.0 5.0 0.0"), "{out}");
-}
-
-/// Writes a partial file, as a killed process leaves it behind.
-fn leave(folder: &Path) -> PathBuf {
-    fs::create_dir_all(folder).unwrap();
-    let path = folder.join(".maquette-0123456789ab.part");
-    fs::write(&path, "half").unwrap();
-    path
-}
-
-#[test]
-fn what_was_left_half_written_goes_with_the_next_command_that_writes_there() {
-    let project = project();
-    let folder = project.folder();
-    let check = |left: &Path, words: &[&str]| {
-        let left = leave(&folder.join(left));
-        let (code, _, told) = run(&project, words);
-        assert_eq!(code, Some(0), "{words:?}: {told}");
-        assert!(!left.exists(), "{words:?}: {}", left.display());
-    };
-    check(Path::new("out/doll"), &["run", "doll.ron"]);
-    check(Path::new("out/doll.sweep/tasks"), &["batch", "doll.ron", "--sweep", "lift=1,2"]);
-    check(Path::new("out/doll.sweep/tasks"), &["batch", "doll.ron", "--sweep", "lift=1,2"]);
-    check(Path::new(""), &["render", "doll.ron", "out.obj", "picture.png"]);
-    let pins = {
-        run(&project, &["pin", "doll.ron", "lifted"]);
-        let entries = fs::read_dir(folder).unwrap().map(|it| it.unwrap().path());
-        entries.into_iter().find(|it| it.is_dir() && it.ends_with("doll.pins")).unwrap()
-    };
-    run(&project, &["pin", "--remove", "doll.ron", "lifted"]);
-    check(&pins, &["pin", "doll.ron", "lifted"]);
-    let left = leave(&pins);
-    assert!(project.maquette(&["pin", "--remove", "doll.ron", "lifted"]).status.success());
-    assert!(!left.exists() && !pins.exists());
-    let left = leave(&folder.join("lib"));
-    let words = ["edit", "doll.ron", "extract", "lifted", "--to", "lib/new.ron"];
-    assert!(project.maquette(&words).status.success());
-    assert!(!left.exists());
-    let scans = folder.join("scans");
-    fs::create_dir(&scans).unwrap();
-    fs::write(scans.join("tet.obj"), TETRAHEDRON).unwrap();
-    let left = leave(&folder.join("made"));
-    let output = project.maquette(&["new", "scans", "--out", "made/new.ron"]);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(!left.exists());
 }

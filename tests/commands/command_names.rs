@@ -51,30 +51,3 @@ fn every_command_has_a_help_page() {
         assert!(code == Some(0) && help.contains("Usage: maquette"), "{words:?}: {help}");
     }
 }
-
-#[test]
-fn a_former_name_is_refused_with_the_new_command_line() {
-    for (former, name, line) in [
-        ("set g.ron a=1", "edit GRAPH set", "edit g.ron set a=1"),
-        ("set --root .. g.ron a.b=(1,2)", "edit GRAPH set", "edit g.ron set --root .. 'a.b=(1,2)'"),
-        ("extract g.ron a b", "edit GRAPH extract", "edit g.ron extract a b"),
-        ("inline g.ron a", "edit GRAPH inline", "edit g.ron inline a"),
-        ("migrate lib g.ron --write", "edit GRAPH migrate", "edit lib migrate g.ron --write"),
-        ("sheet g.ron --zoom 2", "render sheet", "render sheet g.ron --zoom 2"),
-        ("gallery", "render gallery", "render gallery"),
-        ("update g.ron --yes", "lock --update", "lock --update g.ron --yes"),
-        ("unpin g.ron a", "pin --remove", "pin --remove g.ron a"),
-        ("set", "edit GRAPH set", "edit GRAPH set"),
-    ] {
-        let words: Vec<_> = former.split(' ').collect();
-        let (code, stdout, stderr) = run(&words);
-        let help = format!("  = help: use `maquette {line}` instead\n");
-        let expected = format!("error: `{}` is now `{name}`\n{help}", words[0]);
-        assert_eq!((code, &stdout[..], &stderr[..]), (Some(2), "", &expected[..]), "{former}");
-    }
-    let (code, _, stderr) = run(&["help", "unpin"]);
-    let expected = "error: `unpin` has a new name\n  = help: use `maquette help pin` instead\n";
-    assert_eq!((code, &stderr[..]), (Some(2), expected));
-    let (code, stdout, _) = run(&["help", "migrate"]);
-    assert!(code == Some(0) && stdout.contains("`maquette help edit migrate`"), "{stdout}");
-}

@@ -2,35 +2,32 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
 
 use crate::output::text_of;
+use crate::project::{GRAPHS, Project};
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
-
-/// A project whose cache has the doll's results.
-struct Cache(tempfile::TempDir);
+/// A project whose cache has the doll's results. The commands run in the folder of the example graphs.
+struct Cache(Project);
 
 impl Cache {
     fn new() -> Self {
-        let cache = Self(tempfile::tempdir().unwrap());
+        let cache = Self(Project::empty());
         cache.run();
         cache
     }
 
     fn folder(&self) -> PathBuf {
-        self.0.path().join("cache")
+        self.0.cache().to_owned()
     }
 
     fn maquette(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-        command.args(arguments).current_dir(GRAPHS).env("NO_COLOR", "1");
-        command.env("MAQUETTE_CACHE", self.folder()).output().unwrap()
+        self.0.command(arguments).current_dir(GRAPHS).output().unwrap()
     }
 
     /// Runs the graph; returns the printed text and the written files.
     fn run(&self) -> (String, Vec<(String, Vec<u8>)>) {
-        let out = self.0.path().join("out");
+        let out = self.0.folder().join("out");
         let output = self.maquette(&["run", "doll.ron", "--out", out.to_str().unwrap()]);
         assert!(output.status.success() && output.stderr.is_empty(), "{}", text_of(&output));
         let files = fs::read_dir(out).unwrap().map(|file| file.unwrap().path());

@@ -5,9 +5,9 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
+use crate::output::{stderr_of, stdout_of};
+use crate::project::GRAPHS;
 use crate::thorough::is_thorough;
-
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 /// Returns the command that runs the example graph `doll.ron` with this value of `growth`, this cache and this output folder.
 fn command(growth: &str, cache: &Path, out: &Path) -> Command {
@@ -19,7 +19,7 @@ fn command(growth: &str, cache: &Path, out: &Path) -> Command {
 
 fn run(growth: &str, cache: &Path, out: &Path) -> Output {
     let output = command(growth, cache, out).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{}", stderr_of(&output));
     output
 }
 
@@ -101,28 +101,11 @@ fn four_processes_hammer_one_cache() {
             assert!(files(outs[worker].path()) == expected[worker % 2], "round {round}");
         }
         if round % 2 == 1 {
-            let clear = ["cache", "clear"];
-            let status = Command::new(env!("CARGO_BIN_EXE_maquette"))
-                .args(clear)
-                .env("MAQUETTE_CACHE", cache.path())
-                .stdout(Stdio::null())
-                .status();
-            assert!(status.unwrap().success());
+            let mut clear = Command::new(env!("CARGO_BIN_EXE_maquette"));
+            clear.args(["cache", "clear"]).env("MAQUETTE_CACHE", cache.path());
+            assert!(clear.output().unwrap().status.success());
         }
     }
-}
-
-#[test]
-fn a_cache_that_is_no_folder_is_a_warning() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("file");
-    fs::write(&file, "not a folder").unwrap();
-    let out = folder.path().join("out");
-    let output = run("12", &file, &out);
-    let words = String::from_utf8(output.stderr).unwrap();
-    assert!(words.contains("results are not kept"), "{words}");
-    assert_eq!(files(&out), expected_files("12"));
-    assert_eq!(fs::read(&file).unwrap(), b"not a folder");
 }
 
 /// Tests on a small file system. Linux lets ordinary users mount one in a namespace of their own; otherwise only root can mount one.
@@ -148,8 +131,8 @@ mod file_systems {
         let mut command = Command::new("unshare");
         command.args(["--mount", "--map-root-user", "sh", "-c", &script]).current_dir(GRAPHS);
         let output = command.output().ok()?;
-        let refused = output.status.code() == Some(77)
-            || String::from_utf8_lossy(&output.stderr).starts_with("unshare:");
+        let refused =
+            output.status.code() == Some(77) || stderr_of(&output).starts_with("unshare:");
         if refused {
             say("skipped: this machine lets us mount no file system");
             return None;
@@ -163,7 +146,7 @@ mod file_systems {
         let (mount, out) = (folder.path().join("cache"), folder.path().join("out"));
         fs::create_dir(&mount).unwrap();
         let Some(output) = with_mount("size=1m", "run && run", &mount, &out) else { return };
-        let words = String::from_utf8_lossy(&output.stderr);
+        let words = stderr_of(&output);
         assert!(output.status.success(), "{words}");
         assert!(words.contains("results are not kept for the next run"), "{words}");
         assert_eq!(files(&out), expected_files("12"));
@@ -179,9 +162,9 @@ mod file_systems {
             mount.display()
         );
         let Some(output) = with_mount("size=100m", &then, &mount, &out) else { return };
-        let words = String::from_utf8_lossy(&output.stderr);
+        let words = stderr_of(&output);
         assert!(output.status.success(), "{words}");
-        let text = String::from_utf8_lossy(&output.stdout);
+        let text = stdout_of(&output);
         assert!(text.contains("15 nodes: 15 cached"), "{text}");
         assert!(text.contains("15 nodes: 8 computed, 7 cached"), "{text}");
         assert_eq!(files(&out), expected_files("20"));

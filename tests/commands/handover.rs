@@ -9,7 +9,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value as Json;
 
-use crate::output::stderr_of;
+use crate::output::{stderr_of, stdout_of};
 use crate::project::Project;
 
 mod expected;
@@ -40,26 +40,22 @@ fn project_with_scans() -> Project {
     let project = Project::new(GRAPH);
     fs::create_dir(project.folder().join("scans")).unwrap();
     for name in ["maquette.toml", "ball.obj"] {
-        write(&project, name, if name == "ball.obj" { BALL } else { "" });
+        project.write(name, if name == "ball.obj" { BALL } else { "" });
     }
-    write(&project, "s.sweep.ron", SWEEP);
+    project.write("s.sweep.ron", SWEEP);
     ["b", "c it's $HOME; {{d}}", "e"].iter().for_each(|name| scan(&project, name));
     project
 }
 
 fn scan(project: &Project, name: &str) {
-    write(project, &format!("scans/{name}.obj"), BALL);
-}
-
-fn write(project: &Project, name: &str, text: &str) {
-    fs::write(project.folder().join(name), text).unwrap();
+    project.write(&format!("scans/{name}.obj"), BALL);
 }
 
 /// Emits the batch for an engine and returns the job.
 fn emit_job(project: &Project, engine: &str) -> String {
     let output = project.maquette(&["batch", "s.sweep.ron", "--emit", engine]);
     assert!(output.status.success(), "{}", stderr_of(&output));
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = stdout_of(&output);
     assert!(!text.contains("HOME"), "a scan's name is in the job: {text}");
     text
 }
@@ -108,12 +104,12 @@ fn commands_of_openjd(project: &Project, job: &str) -> [Vec<Vec<String>>; 3] {
 /// Returns the commands of a Slurm script: those of the first step, of each task, and of the last step. A replacement for `sbatch` records
 /// the submitted scripts.
 fn commands_of_slurm(project: &Project, script: &str) -> [Vec<Vec<String>>; 3] {
-    write(project, "submit.sh", script);
+    project.write("submit.sh", script);
     fs::create_dir_all(project.folder().join("slurm")).unwrap();
     let sbatch = "#!/usr/bin/env bash\nid=$(ls slurm | grep -c job)\ncat > slurm/job$id\necho \"$@\" > slurm/words$id\necho $id\n";
-    write(project, "slurm/sbatch", sbatch);
+    project.write("slurm/sbatch", sbatch);
     let submitted = shell(project, "chmod +x slurm/sbatch && PATH=$PWD/slurm:$PATH bash submit.sh");
-    assert_eq!(String::from_utf8_lossy(&submitted.stdout), "0 1 2\n", "{}", stderr_of(&submitted));
+    assert_eq!(stdout_of(&submitted), "0 1 2\n", "{}", stderr_of(&submitted));
     fn read(name: &str, project: &Project) -> String {
         fs::read_to_string(project.folder().join("slurm").join(name)).unwrap()
     }
@@ -239,18 +235,18 @@ fn hyperqueue_tells_of_a_scan_that_arrives() {
         return println!("skipped: there is no python3 here ({why})");
     }
     let project = project_with_scans();
-    write(&project, "hyperqueue.py", HYPERQUEUE);
-    write(&project, "job.py", &emit_job(&project, "hq"));
+    project.write("hyperqueue.py", HYPERQUEUE);
+    project.write("job.py", &emit_job(&project, "hq"));
     let output = shell(&project, "ARRIVES=1 python3 job.py server");
     assert_eq!(output.status.code(), Some(1), "{}", stderr_of(&output));
-    let told = String::from_utf8_lossy(&output.stdout);
+    let told = stdout_of(&output);
     assert!(told.ends_with("1 done, 2 failed\n"), "{told}");
     assert!(stderr_of(&output).contains("1 added (`a`)"), "{}", stderr_of(&output));
     assert_eq!(records(&project), BTreeSet::from(["b".to_owned()]));
     // Now all tasks of the old job are refused, and a new job runs all tasks.
     let output = shell(&project, "python3 job.py server");
-    assert!(String::from_utf8_lossy(&output.stdout).ends_with("0 done, 3 failed\n"));
-    write(&project, "job.py", &emit_job(&project, "hq"));
+    assert!(stdout_of(&output).ends_with("0 done, 3 failed\n"));
+    project.write("job.py", &emit_job(&project, "hq"));
     let output = shell(&project, "python3 job.py server");
     assert_eq!(output.status.code(), Some(0), "{}", stderr_of(&output));
     assert_eq!(records(&project).len(), 4);
@@ -277,7 +273,7 @@ fn a_job_says_what_has_changed_since_it_was_handed_over() {
         }
     }
     let sweep = |from: &'static str, to: &'static str| {
-        move |project: &Project, _: &Path| write(project, "s.sweep.ron", &SWEEP.replace(from, to))
+        move |project: &Project, _: &Path| project.write("s.sweep.ron", &SWEEP.replace(from, to))
     };
     check(&|_, scans| fs::remove_file(scans.join("b.obj")).unwrap(), "1 removed (`b`)");
     check(
@@ -289,8 +285,8 @@ fn a_job_says_what_has_changed_since_it_was_handed_over() {
     check(&sweep("    set: { \"up\": 2.0 },\n", ""), "`b`: up was 2.0, is not set");
     check(
         &|project, _| {
-            write(project, "other.ron", GRAPH);
-            write(project, "s.sweep.ron", &SWEEP.replace("doll.ron", "other.ron"));
+            project.write("other.ron", GRAPH);
+            project.write("s.sweep.ron", &SWEEP.replace("doll.ron", "other.ron"));
         },
         "the graph is `other.ron` instead of `doll.ron`",
     );
@@ -301,8 +297,7 @@ fn what_changes_no_task_stops_no_job() {
     let project = project_with_scans();
     let jobs = emit_job(&project, "lines");
     // Three changes that affect no task: the text of the sweep, the size of the page's pictures, and a deleted task list.
-    write(
-        &project,
+    project.write(
         "s.sweep.ron",
         &format!("// A note.\n{}", SWEEP.replace("out:", "picture: (size: (64, 48)),\n out:")),
     );
@@ -338,30 +333,4 @@ fn a_list_that_is_missing_or_damaged_is_told_if_it_is_needed() {
         let output = project.maquette(&["batch", "s.sweep.ron", "--handover", hash, "--task", "0"]);
         assert_eq!(output.status.code(), Some(2), "{hash}");
     }
-}
-
-#[test]
-fn jobs_that_name_no_list_run_as_before() {
-    let project = project_with_scans();
-    let output = project.maquette(&["batch", "s.sweep.ron", "--task", "0-1"]);
-    assert!(output.status.success(), "{}", stderr_of(&output));
-    scan(&project, "a");
-    let output = project.maquette(&["batch", "s.sweep.ron", "--task", "0"]);
-    assert!(output.status.success(), "{}", stderr_of(&output));
-    assert!(records(&project).contains("a"));
-    let report = project.maquette(&["batch", "s.sweep.ron", "--report"]);
-    // The report counts a missing task. It does not complain that the task was never handed over, because no job was emitted.
-    let missing = "error: 4 tasks: 3 done, 0 failed, 1 missing\n".to_owned();
-    assert_eq!((report.status.code(), stderr_of(&report)), (Some(1), missing));
-}
-
-#[test]
-fn what_was_run_here_need_not_be_handed_over() {
-    let project = project_with_scans();
-    emit_job(&project, "lines");
-    scan(&project, "a");
-    let output = project.maquette(&["batch", "s.sweep.ron"]);
-    assert!(output.status.success(), "{}", stderr_of(&output));
-    let report = project.maquette(&["batch", "s.sweep.ron", "--report"]);
-    assert_eq!((report.status.code(), stderr_of(&report)), (Some(0), String::new()));
 }

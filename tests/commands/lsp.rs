@@ -6,6 +6,8 @@ use std::process::Command;
 
 use serde_json::{Value as Json, json};
 
+use crate::project::GRAPHS;
+
 mod additions;
 mod completion;
 mod editor;
@@ -19,7 +21,6 @@ mod refactor;
 
 use editor::{Editor, apply_edits, position, uri};
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 const BAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/bad");
 
 /// A temporary project folder and a cache folder.

@@ -1,44 +1,34 @@
 //! Pictures of any value, made by `maquette render` and `maquette inspect --out`.
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 use maquette::format::png;
 use maquette::value::Image;
 
 use crate::output::stderr_of;
+use crate::project::{GRAPHS, Project};
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
-
-/// A temporary folder for the cache and for pictures.
-struct Studio(tempfile::TempDir);
+/// A folder for pictures. The commands run in the folder of the example graphs.
+struct Studio(Project);
 
 impl Studio {
     fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
+        Self(Project::empty())
     }
 
     fn maquette(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-        command.args(arguments).current_dir(GRAPHS).env("NO_COLOR", "1");
-        command.env("MAQUETTE_CACHE", self.0.path().join("cache")).output().unwrap()
+        self.0.command(arguments).current_dir(GRAPHS).output().unwrap()
     }
 
     /// Runs a command that writes a picture, and returns the picture. `PICTURE` in the arguments is replaced by the file's path.
     fn picture(&self, arguments: &[&str]) -> Image {
-        let path = self.0.path().join("picture.png");
+        let path = self.0.folder().join("picture.png");
         let name = path.to_str().unwrap();
         let given = arguments.iter().map(|&it| if it == "PICTURE" { name } else { it });
         let output = self.maquette(&Vec::from_iter(given));
         assert!(output.status.success(), "{arguments:?}: {}", stderr_of(&output));
         png::read(&std::fs::read(path).unwrap()).unwrap()
-    }
-
-    /// Runs a command with wrong arguments and returns the error.
-    fn run_refused(&self, arguments: &[&str]) -> String {
-        let output = self.maquette(arguments);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", stderr_of(&output));
-        stderr_of(&output)
     }
 }
 
@@ -50,36 +40,6 @@ fn size(image: &Image) -> [usize; 2] {
 fn count_visible(image: &Image) -> usize {
     let pixels = image.pixels();
     pixels.iter().filter(|pixel| **pixel != pixels[0]).count()
-}
-
-#[test]
-fn a_file_that_is_no_graph_is_looked_into_by_itself() {
-    let studio = Studio::new();
-    fn look(file: &str, studio: &Studio) -> String {
-        let output = studio.maquette(&["inspect", file]);
-        assert!(output.status.success(), "{file}: {}", stderr_of(&output));
-        String::from_utf8(output.stdout).unwrap()
-    }
-    for (file, what) in [
-        ("doll/mug.obj", "Mesh"),
-        ("doll/ellipse.obj", "Curve"),
-        ("doll/points.xyz", "Points"),
-        ("doll/range.pcd", "RangeImage"),
-        ("doll/color.png", "Image"),
-    ] {
-        let text = look(file, &studio);
-        assert!(text.starts_with(&format!("file.value: {what}, ")), "{file}: {text}");
-    }
-    assert!(4 < count_visible(&studio.picture(&["inspect", "doll/mug.obj", "--out", "PICTURE"])));
-    let at = studio.maquette(&["inspect", "doll/color.png", "--at", "200,196"]);
-    assert!(String::from_utf8_lossy(&at.stdout).contains("#"), "{}", stderr_of(&at));
-    let table = studio.maquette(&["inspect", "doll/mug.obj", "--table", "vertices"]);
-    assert!(String::from_utf8(table.stdout).unwrap().lines().count() > 10);
-    assert!(
-        studio.run_refused(&["inspect", "doll.ron"]).contains("expected a node of doll.ron: scan")
-    );
-    assert!(studio.run_refused(&["inspect", "README.md"]).contains("`.md`"));
-    assert!(studio.run_refused(&["inspect", "no.ply"]).contains("no.ply"));
 }
 
 #[test]
@@ -111,6 +71,7 @@ fn every_type_of_values_is_rendered() {
     for file in ["doll/points.xyz", "doll/ellipse.obj", "doll/range.pcd", "doll/color.png"] {
         assert!(count_visible(&studio.picture(&["render", file, "PICTURE"])) > 0, "{file}");
     }
+    assert!(4 < count_visible(&studio.picture(&["inspect", "doll/mug.obj", "--out", "PICTURE"])));
 }
 
 #[test]
@@ -159,36 +120,37 @@ fn a_camera_aims_at_a_place_or_a_value() {
 }
 
 #[test]
-fn what_cannot_be_seen_is_refused_with_what_to_do() {
-    let studio = Studio::new();
-    let picture = studio.0.path().join("none.png");
-    let render = |value: &str, more: &[&str]| {
-        let command = ["render", "doll.ron", value, picture.to_str().unwrap()];
-        studio.run_refused(&[&command, more].concat())
-    };
-    let cases = [
-        (render("model", &["--at", "noose"]), "no output or node `noose`; did you mean `nose`?"),
-        (render("model", &["--at", "red"]), "`red` is a Mask, which has no position in space"),
-        (render("model", &["--at", "3,4"]), "expected X,Y,Z for a point, NODE"),
+fn a_model_comes_with_the_picture_that_its_material_names() {
+    let project = Project::with_files(&[
         (
-            render("model", &["--size", "20000x20000"]),
-            "expected 1 to 16384 pixels in each direction",
+            "quad.obj",
+            "mtllib quad.mtl\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n\
+             usemtl paint\nf 1/1 2/2 3/3 4/4\n",
         ),
-        (render("red", &["--camera", "3,4"]), "a Mask is a flat picture without a position"),
-        (render("red", &["--over", "scan.colour"]), "no output `colour`; did you mean `color`?"),
-        (render("red", &["--over", "nose"]), "`nose` has no Image output"),
-        (render("model", &["--over", "scan.color"]), "a Mesh has a position in space"),
+        ("quad.mtl", "newmtl paint\nmap_Kd red paint.png\n"),
         (
-            studio.run_refused(&["inspect", "doll.ron", "model", "--at", "nose"]),
-            "need a picture; add --out FILE.png",
+            "a.ron",
+            r#"Graph(format: 1, nodes: { "m": ReadMesh(path: "quad.obj") }, outputs: { "b.obj": "m" })"#,
         ),
-        (
-            studio.run_refused(&["render", "doll/color.png", "x.png", "--at", "nose"]),
-            "cannot use `nose`",
-        ),
-    ];
-    for (told, expected) in cases {
-        assert!(told.contains(expected), "{told}");
+    ]);
+    let red = Image::new(2, 2, vec![[220, 10, 10]; 4]).unwrap();
+    let paint = project.folder().join("red paint.png");
+    std::fs::write(&paint, png::encode_rgb(&red).unwrap()).unwrap();
+    fn read_picture(project: &Project, name: &str) -> Image {
+        png::read(&std::fs::read(project.folder().join(name)).unwrap()).unwrap()
     }
-    assert!(!picture.exists());
+    let output = project.maquette(&["render", "quad.obj", "front.png", "--size", "40x40"]);
+    assert_eq!(stderr_of(&output), "");
+    let [r, g, b] = read_picture(&project, "front.png").pixel([20, 20]);
+    assert!(g.max(b) < 100 && 100 < r, "{r} {g} {b}");
+
+    let output = project.maquette(&["run", "a.ron", "--out", "out"]);
+    assert_eq!((output.status.success(), stderr_of(&output)), (true, String::new()));
+    assert_eq!(read_picture(&project, "out/b.png"), red);
+    std::fs::remove_file(paint).unwrap();
+    let text = "there is no file `red paint.png`: the mesh comes without its picture";
+    let output = project.maquette(&["run", "a.ron", "--out", "out"]);
+    assert!(output.status.success() && stderr_of(&output).contains(text), "part of what was read");
+    let output = project.maquette(&["render", "quad.obj", "front.png"]);
+    assert_eq!(stderr_of(&output), format!("warning: {text}\n"));
 }

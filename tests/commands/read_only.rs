@@ -57,7 +57,7 @@ fn run_read_only(project: &Project, words: &[&str]) -> (Option<i32>, String) {
 #[test]
 fn a_batch_says_where_else_its_results_could_go() {
     let project = Project::new(GRAPH);
-    fs::write(project.folder().join("maquette.toml"), "").unwrap();
+    project.write("maquette.toml", "");
     let batch = ["batch", "doll.ron", "--sweep", "lift=1,2"];
     let help = "= help: make the folder writable, or choose another one with --out";
     let (code, told) = run_read_only(&project, &batch);
@@ -85,13 +85,13 @@ fn a_batch_says_where_else_its_results_could_go() {
 #[test]
 fn a_run_whose_outputs_are_there_needs_to_write_nothing() {
     let project = Project::new(GRAPH);
-    fs::write(project.folder().join("maquette.toml"), "").unwrap();
+    project.write("maquette.toml", "");
     assert!(project.maquette(&["run", "doll.ron"]).status.success());
     let (code, told) = run_read_only(&project, &["run", "doll.ron"]);
     assert_eq!(code, Some(0), "{told}");
     let (code, told) = run_read_only(&project, &["run", "doll.ron", "--set", "lift=6"]);
     assert_eq!(code, Some(1), "{told}");
     assert!(told.contains("--out chooses another folder"), "{told}");
-    let out = fs::read_to_string(project.folder().join("out/doll/out.obj")).unwrap();
+    let out = project.read("out/doll/out.obj");
     assert!(!out.is_empty());
 }

@@ -1,7 +1,7 @@
 //! The graph and the message that the README shows are real.
 
-use std::fs;
-use std::process::Command;
+use crate::output::text_of;
+use crate::project::Project;
 
 const README: &str = include_str!("../../README.md");
 const DOLL: &str = include_str!("../../graphs/doll.ron");
@@ -20,15 +20,10 @@ fn the_example_is_the_text_of_a_graph() {
 
 #[test]
 fn the_sample_message_is_printed_by_check() {
-    let folder = tempfile::tempdir().unwrap();
-    fs::create_dir(folder.path().join("graphs")).unwrap();
     let wrong = DOLL.replace(r#"Label(mask: "red""#, r#"Label(mask: "scan.color""#);
     assert_ne!(wrong, DOLL);
-    fs::write(folder.path().join("graphs/doll.ron"), wrong).unwrap();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-    command.args(["check", "graphs/doll.ron"]).current_dir(folder.path()).env("NO_COLOR", "1");
-    let output = command.output().unwrap();
-    let printed = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
+    let project = Project::with_files(&[("graphs/doll.ron", &wrong)]);
+    let printed = text_of(&project.maquette(&["check", "graphs/doll.ron"]));
     assert!(printed.contains(block("text")), "{printed}");
 }
 

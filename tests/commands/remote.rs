@@ -9,12 +9,11 @@ use std::time::{Duration, Instant};
 use serde_json::Value as Json;
 use server::{Mode, Server};
 
-use crate::output::stderr_of;
+use crate::output::{stderr_of, text_of};
+use crate::project::GRAPHS;
 
 mod server;
 mod trouble;
-
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 /// The expected outputs of the example graph `doll.ron`, and the time that a run takes without a server.
 struct Truth {
@@ -299,7 +298,7 @@ fn who_one_is_is_shown_to_the_server_and_to_nobody_else() {
 
     for address in ["http://me:secret@127.0.0.1:9", "https://me:secret@host", "me:secret@host"] {
         let output = machine.command(&["cache", "ls", "--cache-remote", address]).output().unwrap();
-        let told = [stderr_of(&output), String::from_utf8(output.stdout).unwrap()].concat();
+        let told = text_of(&output);
         assert!(!told.contains("secret"), "{told}");
     }
 }

@@ -1,6 +1,5 @@
 //! Graphs made from other graphs: uses, repetition, and patches.
 
-mod commands;
 mod folder;
 mod patches;
 mod repetition;

@@ -13,7 +13,8 @@ use std::time::{Duration, Instant, SystemTime};
 
 use maquette::rng::Random;
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
+use crate::output::{stderr_of, stdout_of};
+use crate::project::GRAPHS;
 
 /// Graphs that take little time and together use all ways to refer to other graphs.
 const NAMES: [&str; 10] =
@@ -226,10 +227,15 @@ impl Project {
         }
     }
 
-    fn run(&self, arguments: &[&str]) -> Output {
+    fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
         command.args(arguments).current_dir(self.folder.parent().unwrap()).stdin(Stdio::null());
-        command.env("MAQUETTE_CACHE", &self.cache).output().unwrap()
+        command.env("MAQUETTE_CACHE", &self.cache);
+        command
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        self.command(arguments).output().unwrap()
     }
 
     /// Runs a random command, and then the graph with and without the cache; the results must be equal.
@@ -269,10 +275,8 @@ impl Project {
             self.story,
             "$ maquette run {graph} --out out, killed after {milliseconds} ms"
         );
-        let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-        command.args(["run", graph, "--out", "out"]).env("MAQUETTE_CACHE", &self.cache);
-        command.current_dir(self.folder.parent().unwrap());
-        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut command = self.command(&["run", graph, "--out", "out"]);
+        command.stdout(Stdio::null()).stderr(Stdio::null());
         let mut run = command.spawn().unwrap();
         std::thread::sleep(Duration::from_millis(milliseconds));
         let _ = run.kill();
@@ -295,11 +299,7 @@ impl Project {
         let said = self.run(&[&[command], arguments].concat());
         let _ = writeln!(self.story, "$ maquette {command} {}", arguments.join(" "));
         assert!(said.status.code().is_some_and(|code| code <= 2), "{}{said:?}", self.story);
-        assert!(
-            !String::from_utf8_lossy(&said.stderr).contains("panicked"),
-            "{}{said:?}",
-            self.story
-        );
+        assert!(!stderr_of(&said).contains("panicked"), "{}{said:?}", self.story);
         said
     }
 
@@ -324,8 +324,7 @@ impl Project {
         let both = format!("{}with memory {with:?}\nwithout {without:?}", self.story);
         assert_eq!(with.status.code(), without.status.code(), "{both}");
         if command == "inspect" {
-            let [with, without] =
-                [&with, &without].map(|said| String::from_utf8_lossy(&said.stdout));
+            let [with, without] = [&with, &without].map(|said| stdout_of(said));
             assert_eq!(with, without.replace("fresh/", "out/"), "{both}");
         }
         self.outputs_are_those_of(&fresh, "out");
@@ -340,10 +339,8 @@ impl Project {
     }
 
     fn watch(&mut self) -> Watch {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-        command.arg("watch").arg(self.graph()).args(["--events", "--out", "watched"]);
-        command.current_dir(self.folder.parent().unwrap()).env("MAQUETTE_CACHE", &self.cache);
-        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut command = self.command(&["watch", "--events", "--out", "watched"]);
+        command.arg(self.graph()).stdout(Stdio::null()).stderr(Stdio::null());
         let watch = Watch(command.spawn().unwrap());
         self.wait_for_watch();
         watch

@@ -159,7 +159,7 @@ fn long(project: &Project, value: &Json) -> Json {
     let fine = r#""fine": Subdivide(mesh: "mesh", scheme: Loop, levels: Param("levels"))"#;
     let finer = format!(r#"{fine}, "finer": Subdivide(mesh: "fine", scheme: Loop, levels: 4)"#);
     let text = FINE.replace(fine, &finer).replace(r#""fine": "fine""#, r#""fine": "finer""#);
-    fs::write(project.folder().join("long.ron"), text).unwrap();
+    project.write("long.ron", text);
     json!({ "graph": "long.ron", "set": { "levels": "7" }, "inputs": { "mesh": value },
             "want": [{ "value": "finer", "as": "facts" }] })
 }
@@ -461,7 +461,7 @@ fn a_graph_with_an_unknown_node_gives_what_does_not_hang_on_it() {
             outputs: { "ball.ply": "ball", "hair.ply": "hair" },
         )"#,
     );
-    fs::write(project.folder().join("ball.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    project.write("ball.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
     let mut host = Host::start(&project);
     let loaded = host.ask("load", json!({ "graph": project.graph() }));
     assert_eq!((&loaded["ok"], &loaded["nodes"]), (&json!(true), &json!(["ball", "hair"])));

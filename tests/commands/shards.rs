@@ -1,10 +1,9 @@
 //! `maquette test` distributed over several machines, and cases that are skipped.
 
 use std::collections::BTreeSet;
-use std::path::Path;
 
 use crate::output::text_of;
-use crate::program::maquette;
+use crate::project::Project;
 
 const GRAPH: &str = r#"Graph(
     format: 1,
@@ -13,8 +12,9 @@ const GRAPH: &str = r#"Graph(
     outputs: { "net.ply": "net" },
 )"#;
 
-/// Writes tests of two graphs with eleven cases, one of which is skipped.
-fn tests(folder: &Path) {
+/// Makes a project with tests of two graphs with eleven cases, one of which is skipped.
+fn tests() -> Project {
+    let project = Project::empty();
     for (graph, count) in [("one", 7), ("two", 4)] {
         let cases = (0..count).map(|k| match (graph, k) {
             ("two", 3) => "\"c3\": (skip: \"takes <an hour>\")".to_owned(),
@@ -22,10 +22,11 @@ fn tests(folder: &Path) {
         });
         let cases = Vec::from_iter(cases).join(", ");
         let test = format!("Test(graph: \"{graph}.ron\", cases: {{ {cases} }})");
-        std::fs::write(folder.join(format!("{graph}.ron")), GRAPH).unwrap();
-        std::fs::write(folder.join(format!("{graph}.test.ron")), test).unwrap();
+        project.write(&format!("{graph}.ron"), GRAPH);
+        project.write(&format!("{graph}.test.ron"), &test);
     }
-    assert!(maquette(folder, &["test", "--bless"]).status.success());
+    assert!(project.maquette(&["test", "--bless"]).status.success());
+    project
 }
 
 /// Returns the test cases in a JUnit document, by graph and name.
@@ -36,38 +37,37 @@ fn cases(document: &str) -> BTreeSet<String> {
 
 #[test]
 fn shards_are_together_all_cases_and_none_twice() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    tests(path);
-    fn run(more: &[&str], path: &Path) -> BTreeSet<String> {
-        let tested = maquette(path, &[&["test", "--junit", "it.xml"], more].concat());
+    let project = tests();
+    fn run(more: &[&str], project: &Project) -> BTreeSet<String> {
+        let tested = project.maquette(&[&["test", "--junit", "it.xml"], more].concat());
         assert!(tested.status.success(), "{}", text_of(&tested));
-        cases(&std::fs::read_to_string(path.join("it.xml")).unwrap())
+        cases(&project.read("it.xml"))
     }
-    let all = run(&[], path);
+    let all = run(&[], &project);
     assert_eq!(all.len(), 11);
     for count in [1, 3, 8, 20] {
         let mut seen = BTreeSet::new();
         for index in 1..=count {
-            let own = run(&["--shard", &format!("{index}/{count}")], path);
+            let own = run(&["--shard", &format!("{index}/{count}")], &project);
             assert!(own.len().abs_diff(11 / count) <= 1, "{index}/{count}: {own:?}");
             // The order of the named files does not matter.
             let shard = format!("{index}/{count}");
-            assert_eq!(run(&["--shard", &shard, "two.test.ron", "one.test.ron"], path), own);
+            assert_eq!(run(&["--shard", &shard, "two.test.ron", "one.test.ron"], &project), own);
             assert!(own.iter().all(|case| seen.insert(case.clone())), "{index}/{count}: {own:?}");
         }
         assert_eq!(seen, all);
     }
     // A failure that belongs to no case is reported by the first shard.
-    let [golden, gone] = ["goldens/one/c0", "goldens/gone/c0"].map(|folder| path.join(folder));
+    let [golden, gone] =
+        ["goldens/one/c0", "goldens/gone/c0"].map(|folder| project.folder().join(folder));
     std::fs::create_dir_all(&gone).unwrap();
     for file in std::fs::read_dir(golden).unwrap().map(Result::unwrap) {
         std::fs::copy(file.path(), gone.join(file.file_name())).unwrap();
     }
-    let codes = ["1/2", "2/2"].map(|shard| maquette(path, &["test", "--shard", shard]).status);
+    let codes = ["1/2", "2/2"].map(|shard| project.maquette(&["test", "--shard", shard]).status);
     assert_eq!(codes.map(|status| status.code()), [Some(1), Some(0)]);
     for wrong in ["0/8", "9/8", "0/0", "2", "a/b", "1/8/2"] {
-        let refused = maquette(path, &["test", "--shard", wrong]);
+        let refused = project.maquette(&["test", "--shard", wrong]);
         let told = text_of(&refused);
         assert_eq!(refused.status.code(), Some(2), "{told}");
         assert!(told.contains("expected K/N with K from 1 to N"), "{told}");
@@ -76,17 +76,15 @@ fn shards_are_together_all_cases_and_none_twice() {
 
 #[test]
 fn a_case_is_skipped_with_a_reason_and_not_without() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    tests(path);
-    let tested = maquette(path, &["test", "two.test.ron", "--junit", "it.xml"]);
+    let project = tests();
+    let tested = project.maquette(&["test", "two.test.ron", "--junit", "it.xml"]);
     assert!(text_of(&tested).contains("c3: takes <an hour>"), "{}", text_of(&tested));
-    let document = std::fs::read_to_string(path.join("it.xml")).unwrap();
+    let document = project.read("it.xml");
     assert!(document.contains("<skipped message=\"takes &lt;an hour&gt;\"/>"), "{document}");
     for empty in ["\"\"", "\"  \"", "\"\\n\"", "true", "Some(\"\")", "()"] {
         let test = format!("Test(graph: \"two.ron\", cases: {{ \"c3\": (skip: {empty}) }})");
-        std::fs::write(path.join("two.test.ron"), test).unwrap();
-        let refused = maquette(path, &["test", "two.test.ron"]);
+        project.write("two.test.ron", &test);
+        let refused = project.maquette(&["test", "two.test.ron"]);
         let told = text_of(&refused);
         assert_eq!(refused.status.code(), Some(2), "{empty}: {told}");
         assert!(told.contains("two.test.ron:1:"), "{empty}: {told}");

@@ -3,24 +3,21 @@
 
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 use crate::beside::shared_folder;
+use crate::output::stderr_of;
+use crate::project::Project;
 
 /// Runs a graph; returns an error if it fails or does not write its outputs.
 fn run(graph: &Path) -> Result<(), String> {
     let name = graph.file_name().unwrap().to_string_lossy();
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
-    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
-    command.arg("run").arg(graph).arg("--json").arg("--out").arg(&out).current_dir(folder.path());
-    command.env("MAQUETTE_CACHE", folder.path().join("cache")).env("NO_COLOR", "1");
-    let output = command.output().unwrap();
+    let project = Project::empty();
+    let out = project.folder().join("out");
+    let output = project.command(&["run", "--json", "--out", "out"]).arg(graph).output().unwrap();
     if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        return Err(format!("{name}: {}\n{said}", output.status));
+        return Err(format!("{name}: {}\n{}", output.status, stderr_of(&output)));
     }
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let outputs = report["outputs"].as_array().unwrap();

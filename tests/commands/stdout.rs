@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::process::{Command, Output, Stdio};
 
+use crate::output::{stderr_of, stdout_of};
 use crate::project::{LIFTED, Project, TETRAHEDRON};
 
 const USED: &str = r#"Graph(
@@ -54,7 +55,7 @@ fn project() -> Project {
         ("doll.test.ron", "Test(graph: \"doll.ron\")"),
         ("long.ron", &long),
     ] {
-        fs::write(project.folder().join(name), text).unwrap();
+        project.write(name, text);
     }
     project
 }
@@ -123,7 +124,7 @@ fn run(words: &str, stdout: impl Into<Stdio>) -> Output {
 #[test]
 fn every_command_is_tried() {
     let help = project().maquette(&["--help"]);
-    let help = String::from_utf8(help.stdout).unwrap();
+    let help = stdout_of(&help);
     let (_, commands) = help.split_once("\n\nmake:\n").unwrap();
     let lines = commands
         .lines()
@@ -141,7 +142,7 @@ fn what_cannot_be_printed_is_an_error_of_every_command() {
         assert!(!printed.stdout.is_empty(), "{words} prints nothing: {printed:?}");
         let code = printed.status.code().unwrap();
         let full = run(words, File::options().write(true).open("/dev/full").unwrap());
-        let told = String::from_utf8_lossy(&full.stderr);
+        let told = stderr_of(&full);
         assert!(told.contains("error: cannot write to standard output: "), "{words}: {told}");
         assert_eq!(full.status.code(), Some(code.max(1)), "{words}: {told}");
     }
@@ -156,7 +157,7 @@ fn run_redirected(words: &str, to: &str) -> (Option<i32>, String) {
     let output =
         Command::new("bash").args(["-c", &script]).current_dir(project.folder()).envs(set).output();
     let output = output.unwrap();
-    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    (output.status.code(), stderr_of(&output))
 }
 
 #[test]
@@ -182,7 +183,7 @@ fn a_reader_that_has_read_enough_is_no_error() {
     let script = format!("set -o pipefail; {command}; echo ${{PIPESTATUS[0]}}");
     let output = Command::new("bash").args(["-c", &script]).current_dir(project.folder()).output();
     let output = output.unwrap();
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let text = stdout_of(&output);
     assert_eq!(text.lines().last(), Some("0"), "{text}");
-    assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+    assert_eq!(stderr_of(&output), "");
 }

@@ -6,6 +6,7 @@ use std::process::Command;
 use serde_json::{Value as Json, json};
 
 use crate::editors::{SEQUENCES, programs};
+use crate::output::stdout_of;
 use crate::project::Project;
 
 fn count(done: &Json, state: &str) -> u64 {
@@ -235,7 +236,7 @@ fn a_burst_of_files_is_one_change() {
     fn write(size: usize, project: &Project, names: &[String]) {
         for name in names {
             let text = format!("v 0 0 0\nv {size} 0 0\nv 0 1 0\nf 1 2 3\n");
-            std::fs::write(project.folder().join(format!("{name}.obj")), text).unwrap();
+            project.write(&format!("{name}.obj"), text);
         }
     }
     write(1, &project, &names);
@@ -386,7 +387,7 @@ fn a_command_runs_after_each_good_run() {
 fn list_names_every_path_and_why() {
     let project = Project::doll();
     let list = project.maquette(&["watch", "doll.ron", "--list"]);
-    let text = String::from_utf8(list.stdout).unwrap().replace('\\', "/");
+    let text = stdout_of(&list).replace('\\', "/");
     for line in [
         "doll.ron  the graph",
         "doll/color.png  read by `scan`",
@@ -477,7 +478,7 @@ fn run_tells_events_too() {
 fn a_watch_that_is_not_on_a_terminal_prints_one_line_a_run() {
     let project = Project::doll();
     let once = project.maquette(&["watch", "doll.ron", "--once", "--out", "out"]);
-    let text = String::from_utf8(once.stdout).unwrap();
+    let text = stdout_of(&once);
     assert_eq!(text.lines().count(), 1, "{text}");
     assert!(text.starts_with("run 1: 15 computed; 5 files written; "), "{text}");
     assert!(!text.contains('\x1b'), "{text}");

@@ -72,9 +72,9 @@ fn files_that_are_saved_one_after_the_other_are_one_change() {
     }
     for (index, gap) in [5, 15, 30, 60, 100, 200].into_iter().enumerate() {
         let size = index + 2;
-        fs::write(project.folder().join("a.obj"), tetrahedron(size)).unwrap();
+        project.write("a.obj", tetrahedron(size));
         sleep(Duration::from_millis(gap));
-        fs::write(project.folder().join("b.obj"), tetrahedron(size)).unwrap();
+        project.write("b.obj", tetrahedron(size));
         assert_eq!(run_end(&mut watch), 1, "{gap} ms apart");
         expected.push(format!("{size} {size}"));
         assert_eq!(notes(&project), expected, "{gap} ms apart");
@@ -94,12 +94,12 @@ fn a_graph_and_one_that_it_uses_are_one_change_though_the_first_save_has_errors(
         )
     }
     let project = project();
-    fs::write(project.folder().join("lib.ron"), lib("skin")).unwrap();
+    project.write("lib.ron", lib("skin"));
     fs::write(project.graph(), graph("skin")).unwrap();
     let mut watch = project.watch(&[]);
     fs::write(project.graph(), graph("hide")).unwrap();
     sleep(Duration::from_millis(100));
-    fs::write(project.folder().join("lib.ron"), lib("hide")).unwrap();
+    project.write("lib.ron", lib("hide"));
     let run = watch.run();
     assert_eq!((&run.done["ok"], &run.problems), (&json!(true), &json!([])), "{run:?}");
 }
@@ -133,7 +133,7 @@ fn a_single_save_is_seen_soon() {
     let mut times = Vec::new();
     for size in 2..9 {
         let start = Instant::now();
-        fs::write(project.folder().join("a.obj"), tetrahedron(size)).unwrap();
+        project.write("a.obj", tetrahedron(size));
         watch.run();
         times.push(start.elapsed());
         sleep(Duration::from_millis(50));
@@ -150,7 +150,7 @@ fn a_stream_of_saves_does_not_keep_outputs_back_for_ever() {
     let start = Instant::now();
     let mut ended = 0;
     for size in 2.. {
-        fs::write(project.folder().join("a.obj"), tetrahedron(size)).unwrap();
+        project.write("a.obj", tetrahedron(size));
         let heard = watch.heard_within(Duration::from_millis(100));
         ended += heard.iter().filter(|event| event["event"] == "done").count();
         if ended > 0 {
@@ -181,7 +181,7 @@ fn the_folder_of_a_watch_can_be_made_again() {
             sleep(Duration::from_millis(20));
         }
         // Later changes are seen, too.
-        fs::write(project.folder().join("a.obj"), tetrahedron(size + 1)).unwrap();
+        project.write("a.obj", tetrahedron(size + 1));
         loop {
             let run = watch.run_until_ok();
             if run.state("a") == "computed" && run.changed.to_string().contains("a.obj") {

@@ -10,7 +10,8 @@ use std::time::{Duration, Instant, SystemTime};
 
 use serde_json::{Value as Json, json};
 
-const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
+/// The folder of the example graphs.
+pub(crate) const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
 /// Timeout for events; only a failing test waits this long.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -41,36 +42,43 @@ pub(crate) struct Project {
 }
 
 impl Project {
-    /// Makes a project with this graph as `doll.ron`, and no other files.
-    pub(crate) fn new(text: &str) -> Self {
+    /// Makes a project without files.
+    pub(crate) fn empty() -> Self {
         let temporary = tempfile::tempdir().unwrap();
         // On macOS, the temporary folder is behind a link, so the canonical path is used.
         let folder = std::fs::canonicalize(temporary.path()).unwrap();
         let cache = tempfile::tempdir().unwrap();
         let state = tempfile::tempdir().unwrap();
-        let project = Self { folder, _temporary: temporary, cache, state };
+        Self { folder, _temporary: temporary, cache, state }
+    }
+
+    /// Makes a project with these files.
+    pub(crate) fn with_files(files: &[(&str, &str)]) -> Self {
+        let project = Self::empty();
+        files.iter().for_each(|(name, text)| project.write(name, text));
+        project
+    }
+
+    /// Makes a project with this graph as `doll.ron`, and no other files.
+    pub(crate) fn new(text: &str) -> Self {
+        let project = Self::empty();
         project.save(text);
         project
     }
 
     /// Makes a project with this graph and a tetrahedron, `tet.obj`.
     pub(crate) fn with_tetrahedron(text: &str) -> Self {
-        let project = Self::new(text);
-        for (name, text) in [("maquette.toml", ""), ("tet.obj", TETRAHEDRON)] {
-            std::fs::write(project.folder.join(name), text).unwrap();
-        }
-        project
+        Self::with_files(&[("doll.ron", text), ("maquette.toml", ""), ("tet.obj", TETRAHEDRON)])
     }
 
     /// Makes a project with the example graph `doll.ron` and the files that it reads.
     pub(crate) fn doll() -> Self {
-        let project = Self::new("");
+        let project = Self::with_files(&[("maquette.toml", "")]);
         project.save(&project.doll_text(12.0));
         std::fs::create_dir(project.folder.join("doll")).unwrap();
         for file in ["color.png", "range.pcd", "camera.json"] {
             project.copy_asset(file, &format!("doll/{file}"));
         }
-        std::fs::write(project.folder.join("maquette.toml"), "").unwrap();
         project
     }
 
@@ -78,14 +86,14 @@ impl Project {
     pub(crate) fn with_a_hole() -> Self {
         let project = Self::doll();
         let open = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n";
-        std::fs::write(project.folder().join("open.obj"), open).unwrap();
+        project.write("open.obj", open);
         let lib = r#"Graph(
     format: 1,
     inputs: { "skin": Mesh(doc: "It.", wants: [Closed]) },
     nodes: { "it": Transform(mesh: "skin") },
     outputs: { "skin": "it" },
 )"#;
-        std::fs::write(project.folder().join("lib.ron"), lib).unwrap();
+        project.write("lib.ron", lib);
         project.save(
             r#"Graph(
     format: 1,
@@ -106,12 +114,28 @@ impl Project {
         std::fs::copy(Path::new(GRAPHS).join("doll").join(name), self.folder.join(to)).unwrap();
     }
 
+    /// Returns the cache folder of the program.
+    pub(crate) fn cache(&self) -> &Path {
+        self.cache.path()
+    }
+
     pub(crate) fn folder(&self) -> &Path {
         &self.folder
     }
 
     pub(crate) fn graph(&self) -> PathBuf {
         self.folder.join("doll.ron")
+    }
+
+    /// Writes a file and makes its folder.
+    pub(crate) fn write(&self, name: &str, content: impl AsRef<[u8]>) {
+        let path = self.folder.join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, content).unwrap();
+    }
+
+    pub(crate) fn read(&self, name: &str) -> String {
+        std::fs::read_to_string(self.folder.join(name)).unwrap()
     }
 
     /// Saves the graph atomically, by renaming a new file.
@@ -122,12 +146,17 @@ impl Project {
     }
 
     pub(crate) fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+        self.program(env!("CARGO_BIN_EXE_maquette"), arguments)
+    }
+
+    /// Returns a command of any program, in the project's folder and with the variables of the program `maquette`.
+    pub(crate) fn program(&self, program: &str, arguments: &[&str]) -> Command {
+        let mut command = Command::new(program);
         command.args(arguments).current_dir(&self.folder).stdin(Stdio::null());
         command.env("MAQUETTE_CACHE", self.cache.path());
         command.env("XDG_STATE_HOME", self.state.path());
-        // Remove these variables, so that no test opens the user's editor or browser.
-        for name in ["BROWSER", "DISPLAY", "WAYLAND_DISPLAY", "MAQUETTE_EDITOR", "VISUAL"] {
+        // Remove these variables: no test may open the user's editor or browser, and tests bless goldens, which `CI` prevents.
+        for name in ["BROWSER", "CI", "DISPLAY", "WAYLAND_DISPLAY", "MAQUETTE_EDITOR", "VISUAL"] {
             command.env_remove(name);
         }
         command

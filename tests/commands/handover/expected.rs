@@ -8,7 +8,7 @@ use super::*;
 /// Makes a project with three scans, the second of which is invalid.
 fn with_a_broken_scan() -> Project {
     let project = project_with_scans();
-    write(&project, "scans/c it's $HOME; {{d}}.obj", "no mesh\n");
+    project.write("scans/c it's $HOME; {{d}}.obj", "no mesh\n");
     project
 }
 
@@ -17,7 +17,7 @@ fn emitted_with(project: &Project, engine: &str, options: &[&str]) -> String {
     let words = [&["batch", "s.sweep.ron", "--emit", engine], options].concat();
     let output = project.maquette(&words);
     assert!(output.status.success(), "{}", stderr_of(&output));
-    String::from_utf8(output.stdout).unwrap()
+    stdout_of(&output)
 }
 
 fn is_installed(program: &str) -> bool {
@@ -84,7 +84,7 @@ fn every_engine_leaves_a_log_of_each_task_and_the_page_behind_a_failure() {
 fn lines_are_a_script_that_goes_on_behind_a_failure_and_fails() {
     for shell in ["bash", "bash -e", "sh"] {
         let project = with_a_broken_scan();
-        write(&project, "jobs", &emit_job(&project, "lines"));
+        project.write("jobs", &emit_job(&project, "lines"));
         let output = super::shell(&project, &format!("{shell} jobs"));
         assert_eq!(output.status.code(), Some(1), "{shell}: {}", stderr_of(&output));
         check_logs(&project, shell);
@@ -101,7 +101,7 @@ fn make_goes_on_behind_a_failure_and_makes_the_page() {
         return println!("skipped: there is no make here");
     }
     let project = with_a_broken_scan();
-    write(&project, "jobs.mk", &emitted_with(&project, "make", &["--jobs", "2"]));
+    project.write("jobs.mk", &emitted_with(&project, "make", &["--jobs", "2"]));
     let output = shell(&project, "make -f jobs.mk");
     assert_eq!(output.status.code(), Some(2), "{}", stderr_of(&output));
     check_logs(&project, "make");
@@ -144,14 +144,13 @@ fn hyperqueue_keeps_what_jobs_print_and_is_asked_for_resources() {
     let request = "\nclass ResourceRequest:\n    def __init__(self, **asked):\n        self.asked = asked\n    def __repr__(self):\n        return repr(self.asked)\n";
     let project = with_a_broken_scan();
     fs::create_dir_all(project.folder().join("hyperqueue/ffi")).unwrap();
-    write(&project, "hyperqueue/__init__.py", &fake);
-    write(&project, "hyperqueue/ffi/__init__.py", "");
-    write(&project, "hyperqueue/ffi/protocol.py", request);
+    project.write("hyperqueue/__init__.py", &fake);
+    project.write("hyperqueue/ffi/__init__.py", "");
+    project.write("hyperqueue/ffi/protocol.py", request);
     let options = ["--threads", "2", "--max-memory", "1GB", "--jobs", "2", "--time-limit", "1h"];
     let job = emitted_with(&project, "hq", &options);
     assert!(job.contains("\"--time-limit\",\"1h\""), "{job}");
-    write(
-        &project,
+    project.write(
         "job.py",
         &job.replace("sys.exit(run(Client", "code = run(Client").replace(
             "argv[1:])))\n",
@@ -160,11 +159,11 @@ fn hyperqueue_keeps_what_jobs_print_and_is_asked_for_resources() {
     );
     let output = shell(&project, "python3 job.py server");
     assert_eq!(output.status.code(), Some(1), "{}", stderr_of(&output));
-    let told = String::from_utf8_lossy(&output.stdout).into_owned();
+    let told = stdout_of(&output);
     assert!(told.contains("'cpus': 2") && told.contains("'mem': 1193"), "{told}");
     check_logs(&project, "hq");
     let logs = shell(&project, "cat out/s.sweep/tasks/@handovers/*/@1.err.log");
-    assert!(String::from_utf8_lossy(&logs.stdout).contains("doll.ron:5:"), "{logs:?}");
+    assert!(stdout_of(&logs).contains("doll.ron:5:"), "{logs:?}");
 }
 
 #[test]
@@ -172,17 +171,16 @@ fn slurm_is_asked_for_resources_logs_and_limits() {
     let project = project_with_scans();
     let options = ["--threads", "4", "--max-memory", "8GB", "--jobs", "2", "--time-limit", "90min"];
     let script = emitted_with(&project, "slurm", &[&options[..], &["--chunk", "2"]].concat());
-    write(&project, "submit.sh", &script);
+    project.write("submit.sh", &script);
     fs::create_dir_all(project.folder().join("slurm")).unwrap();
-    write(
-        &project,
+    project.write(
         "slurm/sbatch",
         "#!/usr/bin/env bash\ncat > /dev/null\nprintf '%s\\n' \"$@\" >> words\necho 1\n",
     );
     let run =
         shell(&project, "chmod +x slurm/sbatch && PATH=$PWD/slurm:$PATH bash submit.sh --time=5");
     assert!(run.status.success(), "{}", stderr_of(&run));
-    let words = fs::read_to_string(project.folder().join("words")).unwrap();
+    let words = project.read("words");
     for wanted in ["--array=0-1%2", "--cpus-per-task=4", "--mem=9537M", "--time=181", "--time=5"] {
         assert!(words.lines().any(|line| line == wanted), "{wanted} in {words}");
     }
@@ -212,68 +210,9 @@ fn chunks_run_all_tasks_and_go_on_behind_a_failure() {
     assert_eq!(tasks.len(), 2);
     let words = Vec::from_iter(tasks[0][1..].iter().map(String::as_str));
     let output = run(&project, "bash", &words);
-    let told = String::from_utf8_lossy(&output.stdout).into_owned();
+    let told = stdout_of(&output);
     let last = told.lines().rev().find_map(|line| line.strip_prefix("openjd_progress: "));
     assert_eq!(last, Some("100"), "{told}");
-}
-
-#[test]
-fn who_cannot_say_how_many_jobs_run_is_told_where_it_is_said() {
-    let project = project_with_scans();
-    for (engine, help) in [("openjd", "submitted"), ("lines", "parallel --jobs")] {
-        let output = project.maquette(&["batch", "s.sweep.ron", "--emit", engine, "--jobs", "2"]);
-        assert_eq!(output.status.code(), Some(2), "{engine}");
-        assert!(stderr_of(&output).contains(help), "{}", stderr_of(&output));
-    }
-}
-
-#[test]
-fn a_task_that_takes_too_long_is_stopped_and_tried_again() {
-    let project = Project::with_tetrahedron(
-        r#"Graph(
-    format: 1,
-    params: { "levels": Integer(default: 1, min: 0, max: 9, doc: "Levels.") },
-    nodes: {
-        "mesh": ReadMesh(path: "tet.obj"),
-        "fine": Subdivide(mesh: "mesh", scheme: Loop, levels: Param("levels")),
-    },
-    outputs: { "out.ply": "fine" },
-)
-"#,
-    );
-    fn batch(more: &[&str], project: &Project) -> (Option<i32>, String, String) {
-        let words = ["batch", "doll.ron", "--sweep", "levels=1,8", "--json", "--no-cache"];
-        let output = project.maquette(&[&words, more].concat());
-        let told: Json = serde_json::from_slice(&output.stdout).unwrap();
-        fn state(index: usize, told: &Json) -> String {
-            told["tasks"][index]["state"].as_str().unwrap().to_owned()
-        }
-        let why = told["tasks"][1]["problems"][0]["message"].clone();
-        (output.status.code(), state(1, &told), why.as_str().unwrap_or_default().to_owned())
-    }
-    let late = batch(&["--time-limit", "0.001s"], &project);
-    let why = "the task took longer than 0.001s, its limit".to_owned();
-    assert_eq!(late, (Some(1), "failed".into(), why));
-    assert_eq!(batch(&["--time-limit", "1h"], &project), (Some(0), "done".into(), String::new()));
-}
-
-#[test]
-fn a_password_that_is_left_out_is_told() {
-    let project = project_with_scans();
-    for engine in ["lines", "openjd", "slurm", "hq", "make"] {
-        let server = "http://me:secret@127.0.0.1:1/x";
-        let output =
-            project.maquette(&["batch", "s.sweep.ron", "--cache-remote", server, "--emit", engine]);
-        assert!(output.status.success(), "{}", stderr_of(&output));
-        assert!(!String::from_utf8_lossy(&output.stdout).contains("secret"));
-        let told = stderr_of(&output);
-        assert!(
-            told.contains("--cache-remote contains a name or a password")
-                && !told.contains("secret"),
-            "{told}"
-        );
-        assert!(told.contains("MAQUETTE_CACHE_REMOTE"), "{told}");
-    }
 }
 
 /// Tests file names that a shell, a template or an option parser would misread.
@@ -291,11 +230,11 @@ fn files_have_any_names() {
             let emit = ["--emit", engine, &out_word];
             let output = project.maquette(&[&["batch"], &emit[..], &["--", &file]].concat());
             assert!(output.status.success(), "{name}, {engine}: {}", stderr_of(&output));
-            let job = String::from_utf8(output.stdout).unwrap();
+            let job = stdout_of(&output);
             match engine {
-                "lines" => write(&project, "jobs", &job),
+                "lines" => project.write("jobs", &job),
                 "make" if !is_installed("make") => continue,
-                "make" => write(&project, "jobs.mk", &job),
+                "make" => project.write("jobs.mk", &job),
                 "openjd" => {
                     let commands = commands_of_openjd(&project, &job);
                     commands.iter().for_each(|commands| succeeds(&project, commands));
@@ -334,7 +273,7 @@ fn paths_in_the_project_are_written_from_there() {
         let words =
             ["batch", &sweep, "--emit", "openjd", "--out", &out, "--cache", &cache, "--root", from];
         let output = project.maquette(&words);
-        let job = String::from_utf8(output.stdout.clone()).unwrap();
+        let job = stdout_of(&output);
         assert!(output.status.success(), "{}", stderr_of(&output));
         let args = commands_of_openjd(&project, &job)[1][0].clone();
         let words = args[4..].join(" ");
@@ -345,7 +284,7 @@ fn paths_in_the_project_are_written_from_there() {
         let graph = format!("{from}/doll.ron");
         let scans = format!("{from}/scans/*.obj");
         let output = project.maquette(&["batch", &graph, "--scans", &scans, "--emit", "lines"]);
-        let job = String::from_utf8(output.stdout.clone()).unwrap();
+        let job = stdout_of(&output);
         assert!(
             job.contains(" batch doll.ron --scans 'scans/*.obj' "),
             "{job}{}",

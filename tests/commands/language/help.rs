@@ -1,21 +1,12 @@
 //! `maquette help` explains the graph language by topic, and the commands.
 
+use crate::output::text_of;
 use crate::project::Project;
 
 /// Runs the program; returns its output, and true if it succeeds.
 fn run_text(arguments: &[&str]) -> (String, bool) {
     let output = Project::new("").maquette(arguments);
-    let words = [output.stdout, output.stderr].concat();
-    (String::from_utf8(words).unwrap(), output.status.success())
-}
-
-#[test]
-fn a_topic_is_readable_text_with_samples() {
-    let (text, is_known) = run_text(&["help", "params"]);
-    assert!(is_known && text.starts_with("Parameters: values that can be set from outside\n===="));
-    assert!(text.contains("\n    Graph(\n        format: 1,\n"), "{text}");
-    assert!(!text.contains("```"), "{text}");
-    assert_eq!(run_text(&["help", "ForEach"]), run_text(&["help", "foreach"]));
+    (text_of(&output), output.status.success())
 }
 
 #[test]
@@ -24,33 +15,6 @@ fn without_a_word_commands_and_topics_are_listed() {
     assert!(is_known && text == run_text(&["--help"]).0, "{text}");
     assert!(text.contains("\n  run  ") && text.contains(" help TOPIC`: graph, params, "), "{text}");
     assert!(text.lines().count() <= 45, "does not fit on one screen: {text}");
-}
-
-#[test]
-fn commands_are_explained_as_before() {
-    for words in [&["run"][..], &["cache", "ls"]] {
-        let by_help = run_text(&[&["help"], words].concat());
-        assert_eq!(by_help, run_text(&[words, &["--help"]].concat()));
-        assert!(by_help.1 && by_help.0.contains("Usage: maquette"), "{by_help:?}");
-    }
-    let (test, _) = run_text(&["help", "test"]);
-    assert!(test.contains("`maquette test --help` explains the command."), "{test}");
-}
-
-#[test]
-fn an_unknown_topic_gets_a_guess() {
-    fn unknown(word: &str) -> String {
-        let (text, is_known) = run_text(&["help", word]);
-        assert!(!is_known, "{text}");
-        text
-    }
-    let message = "error: there is no topic or command";
-    assert_eq!(unknown("parms"), format!("{message} `parms`; did you mean `params`?\n"));
-    assert_eq!(
-        unknown("NoSelfIntersection"),
-        format!("{message} `NoSelfIntersection`; it is explained by `maquette help expect`\n")
-    );
-    assert_eq!(unknown("insect"), format!("{message} `insect`; did you mean `inspect`?\n"));
 }
 
 #[test]

@@ -4,6 +4,7 @@ use maquette::format::png;
 use maquette::value::Image;
 use serde_json::{Value as Json, json};
 
+use crate::output::{stderr_of, stdout_of};
 use crate::project::Project;
 
 /// Returns the number of pixels that have the red color of the marks.
@@ -18,7 +19,7 @@ fn inspect_lists_and_marks_the_elements() {
         png::read(&std::fs::read(project.folder().join("open.png")).unwrap()).unwrap()
     }
     let done = project.maquette(&["inspect", "doll.ron", "open", "--out", "open.png"]);
-    let text = String::from_utf8(done.stdout).unwrap();
+    let text = stdout_of(&done);
     let expected = "  is not Closed, as required by input `skin` of `whole`: it has 3 edges with one face (edge 0-2, edge 0-3, edge 2-3; \
                     the first is at (0, 0.5, 0))\n    edge 0-2  (0, 0.5, 0)\n    edge 0-3  (0, 0, 0.5)\n    edge 2-3  (0, 0.5, 0.5)\n";
     assert!(text.ends_with(expected), "{text}");
@@ -50,7 +51,7 @@ fn the_command_that_shows_the_elements_has_the_values_of_the_run() {
     let folder = project.folder();
     std::fs::copy(folder.join("open.obj"), folder.join("an open one.obj")).unwrap();
     let run = project.maquette(&["run", "doll.ron", "--set", "file=an open one.obj"]);
-    let told = String::from_utf8(run.stderr).unwrap();
+    let told = stderr_of(&run);
     let command = "`maquette inspect doll.ron open --set 'file=an open one.obj' --out look.png`";
     assert!(told.contains(command), "{told}");
 }

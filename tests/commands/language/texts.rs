@@ -20,24 +20,20 @@ const PART: &str = "Graph(format: 1, inputs: { \"mesh\": Mesh() }, nodes: { \"it
 /// Makes a project with a graph, its test and golden, a pin, a lock and a sweep.
 fn project() -> Project {
     let project = Project::new(GRAPH);
-    fn write(name: &str, text: &str, project: &Project) {
-        std::fs::write(project.folder().join(name), text).unwrap();
-    }
-    write("a.obj", TETRAHEDRON, &project);
-    write("part.ron", PART, &project);
-    write("maquette.toml", "", &project);
-    write("doll.test.ron", "Test(\n    graph: \"doll.ron\",\n)\n", &project);
-    write(
+    project.write("a.obj", TETRAHEDRON);
+    project.write("part.ron", PART);
+    project.write("maquette.toml", "");
+    project.write("doll.test.ron", "Test(\n    graph: \"doll.ron\",\n)\n");
+    project.write(
         "doll.sweep.ron",
         "Sweep(\n    graph: \"doll.ron\",\n    over: Values(\"up.translate\", [(0, 0, 1)]),\n)\n",
-        &project,
     );
     for words in [
         &["pin", "doll.ron", "up"][..],
         &["lock", "doll.ron"],
         &["test", "doll.test.ron", "--bless"],
     ] {
-        let done = project.command(words).env_remove("CI").output().unwrap();
+        let done = project.maquette(words);
         assert!(done.status.success(), "{words:?}: {}", text_of(&done));
     }
     project
@@ -152,8 +148,7 @@ fn pins_are_those_of_the_graph_wherever_a_link_leads_to_it_from() {
 fn names_of_several_lines_are_printed_on_one() {
     let project = project();
     let name = "odd\nerror: no\u{1b}[2J.ron";
-    std::fs::write(project.folder().join(name), GRAPH.replace("\"part\", tr", "\"prat\", tr"))
-        .unwrap();
+    project.write(name, GRAPH.replace("\"part\", tr", "\"prat\", tr"));
     for words in
         [&["check", name][..], &["run", name], &["fmt", "--check", name], &["why", name, "up"]]
     {
@@ -161,7 +156,7 @@ fn names_of_several_lines_are_printed_on_one() {
         assert!(!told.contains("\nerror: no") && !told.contains('\u{1b}'), "{words:?}: {told}");
     }
     let outputs = GRAPH.replace("up.ply", "u\\n\\u{1b}p.ply");
-    std::fs::write(project.folder().join("b.ron"), outputs).unwrap();
+    project.write("b.ron", outputs);
     let told = text_of(&project.maquette(&["check", "b.ron"]));
     assert!(told.contains("output `u␊␛p.ply` has a control character in its name"), "{told}");
 }

@@ -58,43 +58,6 @@ fn a_path_in_a_patch_is_relative_to_the_patch() {
 }
 
 #[test]
-fn mistakes_are_reported_where_they_stand() {
-    let folder = with_patch(
-        r#"Patch(
-    of: "base/graph.ron",
-    params: { "fr": 1.0, "far": "x" },
-    nodes: { "ot": (step: 1.0), "out": (stp: 1.0, step: 40.0), "doll": (path: "dll.obj"), "a": 5 },
-    node: {},
-)"#,
-    );
-    folder.check(expect![[r#"
-        graph.ron:3:33-36 G009 parameter `far`: expected a number, found the text "x"
-        graph.ron:4:79-88 G013 there is no file `dll.obj` (did you mean `doll.obj`?)
-        graph.ron:4:57-61 G010 field `step` of Moved is 40 mm, but must be at least 0 and at most 10 mm
-        graph.ron:4:41-44 G004 Moved has no field `stp` (did you mean `step`?)
-        graph.ron:3:15-19 G007 `fr`: the graph has no parameter `fr` (did you mean `far`?)
-        graph.ron:4:14-18 G007 `ot.step`: the graph has no node `ot` (did you mean `out`?)
-        graph.ron:4:96-97 G009 a patch of `a` is a group of fields, not the number 5 (write `(field: value, ..)`)
-        graph.ron:5:5-9 G004 Patch has no field `node` (did you mean `nodes`?)
-    "#]]);
-    std::fs::write(folder.path("graph.ron"), r#"Patch(of: "base/graph.ron")"#).unwrap();
-    let base = std::fs::read_to_string(folder.path("base/graph.ron")).unwrap();
-    std::fs::write(folder.path("base/graph.ron"), base.replace("step: 2.0", "stp: 2.0")).unwrap();
-    folder.check(expect![[r#"
-        base/graph.ron:3:71-74 G004 Moved has no field `stp` (did you mean `step`?)
-    "#]]);
-    std::fs::write(folder.path("base/graph.ron"), base.replace("nodes: {", "nodes: ")).unwrap();
-    folder.check(expect![[r#"
-        base/graph.ron:1:6-7 G001 this `(` is not closed before the `}` at 4:1 (add the missing `)`)
-    "#]]);
-    for patch in ["Patch()", "Patch(of: \"graph.ron\")", "Patch(of: 5)", "Patch(of: \"gone.ron\")"]
-    {
-        std::fs::write(folder.path("graph.ron"), patch).unwrap();
-        assert_eq!(folder.problems(&[]).lines().count(), 1, "{patch}: {}", folder.problems(&[]));
-    }
-}
-
-#[test]
 fn a_patch_is_set_and_compared_like_a_graph() {
     let folder = with_patch(
         "Patch(\n    of: \"base/graph.ron\", // here\n    params: { \"far\": 5.0 },\n)\n",

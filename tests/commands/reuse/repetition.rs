@@ -1,13 +1,8 @@
 //! Tests of `ForEach` and `Switch`.
 
-use expect_test::{Expect, expect};
 use maquette::{RunTrace, State};
 
 use super::folder::{Folder, evaluator, graph};
-
-fn check_nodes(nodes: &str, expected: Expect) {
-    Folder::with_nodes(nodes).check(expected);
-}
 
 #[test]
 fn what_is_carried_goes_from_element_to_element() {
@@ -55,35 +50,6 @@ fn what_is_not_carried_is_a_list_for_ports_that_take_many() {
     }
     assert_eq!([count("some", &graph), count("more", &graph), count("out", &graph)], [2, 6, 8]);
     assert_eq!(folder.x_of(&[], "some"), 1.0);
-}
-
-#[test]
-fn mistakes_of_repetition_are_explained() {
-    check_nodes(
-        r#""a": ForEach(graph: "Movd", over: [(step: 1.0), (step: 2.0)], links: (mesh: "doll")),
-"b": ForEach(graph: "Moved", over: [(step: 1.0), (stp: 2.0)], with: (step: 99.0), links: (mesh: "doll")),
-"c": ForEach(graph: "Moved", over: [(step: 1.0), (step: 2.0), (step: 3.0)]),
-"d": ForEach(over: Param("far"), wth: ()),
-"e": ForEach(graph: "Moved", over: [1, (step: 1.0)], with: 5),
-"f": ForEach(graph: "Moved", over: [(), ()], links: (mesh: "doll")),
-"g": Moved(mesh: "f"),
-"h": Moved(mesh: "f.nothing"),
-"i": ForEach(graph: "Moved", over: [(), ()], carry: (mesh: "i")),
-"out": Merge(meshes: "f")"#,
-        expect![[r#"
-            graph.ron:3:21-27 G003 there is no node type `Movd` (did you mean `Moved`?)
-            graph.ron:4:51-54 G004 Moved has no field `stp` (did you mean `step`?)
-            graph.ron:4:76-80 G010 field `step` of Moved is 99 mm, but must be at least 0 and at most 10 mm
-            graph.ron:5:37-48 G005 Moved needs a link at its port `mesh` (write `mesh: "node"` with a node that gives a Mesh)
-            graph.ron:6:6-42 G005 ForEach needs a field `graph` (write `graph: ..`)
-            graph.ron:6:34-37 G004 ForEach has no field `wth` (did you mean `with`?)
-            graph.ron:7:37-38 G009 an element of ForEach is a group of fields, not the number 1 (write `(field: value, ..)`)
-            graph.ron:7:60-61 G009 field `with` of ForEach: expected a group of fields: `(field: value, ..)`, found the number 5
-            graph.ron:9:18-21 G012 port `mesh` of Moved takes one link, but `f` is a list of 2 (link it to a port that takes many links; `f/1` is the first)
-            graph.ron:10:18-29 G007 `f` is a Moved, which has no output `nothing` (its outputs: mesh)
-            graph.ron:11:1-4 G008 cycle: i/1 <- i/2 <- i/1 (a node cannot need its own result: break one of these links)
-        "#]],
-    );
 }
 
 /// Returns the names of the nodes that were not cached.
@@ -182,26 +148,4 @@ fn each_use_chooses_for_itself() {
     let trace = evaluator().evaluate_all(&graph).trace();
     let names: Vec<_> = trace.0.iter().map(|node| &node.name[..]).collect();
     assert_eq!(names, ["doll", "low/a", "high/b", "out"]);
-}
-
-#[test]
-fn mistakes_of_a_switch_are_explained() {
-    check_nodes(
-        r#""net": PointNet(points: [[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]]),
-"a": Switch(cases: { "x": "doll", "y": "net", "x": "dol" }, choose: x),
-"b": Switch(cases: { "x": "doll", "y": "net", "z": "dol" }, choose: x),
-"c": Switch(cases: {}, choose: x),
-"d": Switch(choose: x, chose: 1),
-"e": Switch(cases: { "x": "e" }, choose: x),
-"out": Moved(mesh: "b")"#,
-        expect![[r#"
-            graph.ron:4:47-50 G006 there is already a case `x` (keep one of them)
-            graph.ron:5:40-45 G012 case `y` of Switch is a ControlNet, but the first one is a Mesh (use cases of one type)
-            graph.ron:5:52-57 G007 there is no node `dol` (did you mean `doll`?)
-            graph.ron:6:20-22 G005 Switch has no cases (write `{"name": "node", ..}`)
-            graph.ron:7:6-33 G005 Switch needs a field `cases` (write `cases: ..`)
-            graph.ron:7:24-29 G004 Switch has no field `chose` (did you mean `choose`?)
-            graph.ron:8:1-4 G008 cycle: e <- e (a node cannot need its own result: break one of these links)
-        "#]],
-    );
 }

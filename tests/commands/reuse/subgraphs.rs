@@ -2,14 +2,10 @@
 
 use std::path::Path;
 
-use expect_test::{Expect, expect};
+use expect_test::expect;
 use maquette::{CheckedGraph, Position, State};
 
 use super::folder::{DOLL, Folder, MOVED, evaluator, graph};
-
-fn check_nodes(nodes: &str, expected: Expect) {
-    Folder::with_nodes(nodes).check(expected);
-}
 
 #[test]
 fn a_graph_is_used_like_a_node() {
@@ -48,116 +44,6 @@ fn two_uses_with_equal_inputs_are_computed_once() {
     }
     let both = [state("a/it", &trace.0), state("b/it", &trace.0)];
     assert!(both.contains(&State::Computed) && both != [State::Computed; 2], "{trace}");
-}
-
-#[test]
-fn a_use_is_checked_at_the_border() {
-    check_nodes(
-        r#""net": PointNet(points: [[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]]),
-"a": Moved(mesh: "net"),
-"b": Moved(step: 2.0),
-"c": Moved(mesh: "doll", step: 11.0),
-"d": Moved(mesh: "doll", stp: 1.0, step: true),
-"e": Moved(mesh: "doll", mesh: "doll", step: Expr("far * 4")),
-"f": Movd(mesh: "doll"),
-"g": Moved(mesh: 4),
-"out": Moved(mesh: "c.msh")"#,
-        expect![[r#"
-            graph.ron:4:18-23 G012 port `mesh` of Moved wants a Mesh, but `net` is a ControlNet
-            graph.ron:5:6-22 G005 Moved needs a link at its port `mesh` (write `mesh: "node"` with a node that gives a Mesh)
-            graph.ron:6:32-36 G010 field `step` of Moved is 11 mm, but must be at least 0 and at most 10 mm
-            graph.ron:7:26-29 G004 Moved has no field `stp` (did you mean `step`?)
-            graph.ron:7:42-46 G009 field `step` of Moved: expected a number, found true
-            graph.ron:8:26-30 G006 field `mesh` is given twice (keep one of them)
-            graph.ron:8:46-61 G010 field `step` of Moved is 12 mm, but must be at least 0 and at most 10 mm
-            graph.ron:9:6-10 G003 there is no node type `Movd` (did you mean `Moved`?)
-            graph.ron:10:18-19 G009 port `mesh` of Moved: expected a link, found the number 4 (write the name of a node that gives a Mesh: "node")
-            graph.ron:11:20-27 G007 `c` is a Moved, which has no output `msh` (did you mean `mesh`?)
-        "#]],
-    );
-}
-
-#[test]
-fn a_mistake_inside_is_one_problem_at_its_own_line() {
-    let moved = MOVED.replace("translate:", "translat:");
-    let text = graph(r#""a": Moved(mesh: "doll"), "out": Moved(mesh: "a")"#);
-    let folder = Folder::new(&[("graph.ron", &text), ("lib/moved.ron", &moved)]);
-    folder.check(expect![[r#"
-        lib/moved.ron:7:44-52 G004 Transform has no field `translat` (did you mean `translate`?) <- a at graph.ron:3:1
-    "#]]);
-}
-
-#[test]
-fn a_value_that_only_the_inside_refuses_is_reported_there_with_where_it_comes_from() {
-    let finer = r#"Graph(format: 1, inputs: { "mesh": Mesh() }, params: { "levels": Integer(default: 1) },
-nodes: { "it": Subdivide(mesh: "mesh", scheme: Loop, levels: Param("levels")) }, outputs: { "mesh": "it" })"#;
-    let outer = r#"Graph(format: 1, use: { "Finer": "finer.ron" }, inputs: { "mesh": Mesh() }, params: { "n": Integer(default: 1) },
-nodes: { "inner": Finer(mesh: "mesh", levels: Param("n")) }, outputs: { "mesh": "inner" })"#;
-    let text = graph(r#""out": Outer(mesh: "doll", n: 40), "other": Outer(mesh: "doll", n: 2)"#)
-        .replace("use: {", "use: { \"Outer\": \"lib/outer.ron\",");
-    let folder =
-        Folder::new(&[("graph.ron", &text), ("lib/outer.ron", outer), ("lib/finer.ron", finer)]);
-    folder.check(expect![[r#"
-        lib/finer.ron:2:62-77 G010 field `levels` of Subdivide is 40, but must be at least 0 and at most 12 (the value comes from graph.ron:3:31; 8 levels make 65536 faces of one already) <- out at graph.ron:3:1 <- inner at lib/outer.ron:2:10
-    "#]]);
-}
-
-#[test]
-fn graphs_that_use_each_other_are_refused_with_their_path() {
-    let a =
-        r#"Graph(format: 1, use: { "B": "b.ron" }, inputs: {}, nodes: { "b": B() }, outputs: {})"#;
-    let text = r#"Graph(format: 1, use: { "A": "lib/a.ron" }, nodes: { "a": A() }, outputs: {})"#;
-    let folder = Folder::new(&[
-        ("graph.ron", text),
-        ("lib/a.ron", a),
-        ("lib/b.ron", &a.replace("\"b.ron\"", "\"../lib/./a.ron\"")),
-    ]);
-    folder.check(expect![[r#"
-        lib/b.ron:1:30-46 G008 cycle of graphs: lib/a.ron -> lib/b.ron -> lib/a.ron (a graph cannot be a part of itself) <- a at graph.ron:1:54 <- b at lib/a.ron:1:62
-    "#]]);
-    let itself = text.replace("lib/a.ron", "graph.ron");
-    Folder::new(&[("graph.ron", &itself)]).check(expect![[r#"
-        graph.ron:1:30-41 G008 cycle of graphs: graph.ron -> graph.ron (a graph cannot be a part of itself)
-    "#]]);
-}
-
-#[test]
-fn what_a_graph_says_of_itself_is_checked() {
-    let moved = r#"Graph(
-format: 1,
-inputs: { "mesh": Msh(), "Net": Mesh(), "other": Mesh(dok: "x"), "odd": 5 },
-params: { "mesh": Number(default: 1.0) },
-nodes: { "other": Merge(meshes: ["mesh"]), "it": Merge(meshes: ["mesh", "odd"]) },
-outputs: { "out.ply": "it", "mesh": "it", "mesh": "it", "lost": "ti" },
-expect: [Closed("ti")],
-)"#;
-    let text = graph(r#""out": Moved(mesh: "doll", other: "doll", odd: "doll")"#);
-    Folder::new(&[("graph.ron", &text), ("lib/moved.ron", moved)]).check(expect![[r#"
-        lib/moved.ron:3:19-22 G009 there is no type of values `Msh` (did you mean `Mesh`?) <- out at graph.ron:3:1
-        lib/moved.ron:3:26-31 G006 `Net` cannot name an input (use a lower-case letter followed by lower-case letters, digits and hyphens) <- out at graph.ron:3:1
-        lib/moved.ron:3:55-58 G004 an input has no field `dok` (did you mean `doc`?) <- out at graph.ron:3:1
-        lib/moved.ron:3:73-74 G009 input `odd` has no type, but is the number 5 (write Mesh(doc: "what it is")) <- out at graph.ron:3:1
-        lib/moved.ron:4:11-17 G006 there is already an input `mesh` (give one of them another name) <- out at graph.ron:3:1
-        lib/moved.ron:5:10-17 G006 there is already an input `other` (give one of them another name) <- out at graph.ron:3:1
-        lib/moved.ron:6:12-21 G006 `out.ply` cannot name an output of a graph that others use (its outputs are ports, not files: use lower-case letters, digits and hyphens) <- out at graph.ron:3:1
-        lib/moved.ron:6:43-49 G006 there is already an output `mesh` <- out at graph.ron:3:1
-        lib/moved.ron:6:65-69 G007 there is no node `ti` (did you mean `it`?) <- out at graph.ron:3:1
-        lib/moved.ron:7:10-22 G007 there is no node `ti` (did you mean `it`?) <- out at graph.ron:3:1
-    "#]]);
-}
-
-#[test]
-fn files_of_graphs_must_be_there_and_inside() {
-    let text = r#"Graph(format: 1, use: { "A": "lib/movd.ron", "B": "../../x.ron", "c": "lib/moved.ron", "Merge": "lib/moved.ron", "D": 4, "E": "lib" },
-nodes: { "a": A(mesh: "b"), "b": B(x: 1) }, outputs: {})"#;
-    Folder::new(&[("graph.ron", text)]).check(expect![[r#"
-        graph.ron:1:30-44 G013 there is no file `lib/movd.ron` (did you mean `moved.ron`?)
-        graph.ron:1:51-64 G014 `../../x.ron` lies outside of the project (move the file into ROOT, put a maquette.toml into a folder above both, or allow its folder with --root)
-        graph.ron:1:66-69 G006 the text "c" cannot be the name of a node type (use a name that begins with a capital letter: "Feature")
-        graph.ron:1:88-95 G006 there is already a node type `Merge` (give it another name)
-        graph.ron:1:119-120 G009 `D`: expected the path of a graph, found the number 4 (write "lib/name.ron" or Graph("lib/name.ron", version: "2.1"))
-        graph.ron:1:127-132 G013 `lib` is not a file
-    "#]]);
 }
 
 #[test]
@@ -297,4 +183,23 @@ fn every_file_of_a_graph_is_known_even_if_it_is_not_there() {
             .collect()
     }
     assert_eq!(names(&folder.load_with("graph.ron", &[])), ["gone.ron", "moved.ron"]);
+}
+
+#[test]
+fn graphs_may_be_nested_deeply_and_circles_end() {
+    let mut files = vec![("g0.ron".to_owned(), MOVED.to_owned())];
+    for k in 1..250 {
+        let inner = format!("g{}.ron", k - 1);
+        let text =
+            MOVED.replace("Graph(", &format!("Graph(use: {{ \"Moved\": \"{inner}\" }},")).replace(
+                "Transform(mesh: \"mesh\", translate: (Param(\"step\"), 0, 0))",
+                "Moved(mesh: \"mesh\", step: Param(\"step\"))",
+            );
+        files.push((format!("g{k}.ron"), text));
+    }
+    let text = graph(r#""out": Moved(mesh: "doll", step: 4.0)"#).replace("lib/moved", "g249");
+    files.push(("graph.ron".to_owned(), text));
+    let files: Vec<_> = files.iter().map(|(name, text)| (&name[..], &text[..])).collect();
+    let folder = Folder::new(&files);
+    assert_eq!(folder.x_of(&[], "out"), 4.0);
 }

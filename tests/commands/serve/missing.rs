@@ -1,7 +1,5 @@
 //! If one input file is missing, only the values that depend on it fail, for a host as on the command line.
 
-use std::fs;
-
 use serde_json::{Value as Json, json};
 
 use super::Host;
@@ -62,7 +60,7 @@ fn only_what_depends_on_a_missing_file_fails() {
     let why = host.ask("why", json!({ "graph": "doll.ron", "node": "moved" }));
     assert!(why["why"].as_str().unwrap().contains("tte.obj"), "{why}");
 
-    fs::write(project.folder().join("tte.obj"), TETRAHEDRON.replace('9', "8")).unwrap();
+    project.write("tte.obj", TETRAHEDRON.replace('9', "8"));
     let told = host.ask("run", json!({ "graph": "doll.ron" }));
     assert_eq!((&told["ok"], problems(&told)), (&json!(true), Vec::new()), "{told}");
     assert_eq!(told["values"].as_object().unwrap().len(), 3, "{told}");

@@ -34,7 +34,7 @@ fn copy(from: &Path, to: &Path, graphs: &mut Vec<PathBuf>) {
 /// Copies all graphs of the project, and those in `../shared/graphs` if this folder exists, into a temporary project.
 fn graphs(project: &Project) -> Vec<PathBuf> {
     let mut graphs = Vec::new();
-    fs::write(project.folder().join("maquette.toml"), "").unwrap();
+    project.write("maquette.toml", "");
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs");
     let folders = iter::once(own).chain(shared_folder("graphs"));
     for (index, folder) in folders.enumerate() {
