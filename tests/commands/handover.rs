@@ -236,7 +236,7 @@ fn hyperqueue_tells_of_a_scan_that_arrives() {
     }
     let project = project_with_scans();
     project.write("hyperqueue.py", HYPERQUEUE);
-    project.write("job.py", &emit_job(&project, "hq"));
+    project.write("job.py", emit_job(&project, "hq"));
     let output = shell(&project, "ARRIVES=1 python3 job.py server");
     assert_eq!(output.status.code(), Some(1), "{}", stderr_of(&output));
     let told = stdout_of(&output);
@@ -246,7 +246,7 @@ fn hyperqueue_tells_of_a_scan_that_arrives() {
     // Now all tasks of the old job are refused, and a new job runs all tasks.
     let output = shell(&project, "python3 job.py server");
     assert!(stdout_of(&output).ends_with("0 done, 3 failed\n"));
-    project.write("job.py", &emit_job(&project, "hq"));
+    project.write("job.py", emit_job(&project, "hq"));
     let output = shell(&project, "python3 job.py server");
     assert_eq!(output.status.code(), Some(0), "{}", stderr_of(&output));
     assert_eq!(records(&project).len(), 4);
@@ -273,7 +273,7 @@ fn a_job_says_what_has_changed_since_it_was_handed_over() {
         }
     }
     let sweep = |from: &'static str, to: &'static str| {
-        move |project: &Project, _: &Path| project.write("s.sweep.ron", &SWEEP.replace(from, to))
+        move |project: &Project, _: &Path| project.write("s.sweep.ron", SWEEP.replace(from, to))
     };
     check(&|_, scans| fs::remove_file(scans.join("b.obj")).unwrap(), "1 removed (`b`)");
     check(
@@ -286,7 +286,7 @@ fn a_job_says_what_has_changed_since_it_was_handed_over() {
     check(
         &|project, _| {
             project.write("other.ron", GRAPH);
-            project.write("s.sweep.ron", &SWEEP.replace("doll.ron", "other.ron"));
+            project.write("s.sweep.ron", SWEEP.replace("doll.ron", "other.ron"));
         },
         "the graph is `other.ron` instead of `doll.ron`",
     );
@@ -299,7 +299,7 @@ fn what_changes_no_task_stops_no_job() {
     // Three changes that affect no task: the text of the sweep, the size of the page's pictures, and a deleted task list.
     project.write(
         "s.sweep.ron",
-        &format!("// A note.\n{}", SWEEP.replace("out:", "picture: (size: (64, 48)),\n out:")),
+        format!("// A note.\n{}", SWEEP.replace("out:", "picture: (size: (64, 48)),\n out:")),
     );
     fs::remove_dir_all(project.folder().join("out")).unwrap();
     for job in jobs.lines() {

@@ -324,7 +324,7 @@ impl Project {
         let both = format!("{}with memory {with:?}\nwithout {without:?}", self.story);
         assert_eq!(with.status.code(), without.status.code(), "{both}");
         if command == "inspect" {
-            let [with, without] = [&with, &without].map(|said| stdout_of(said));
+            let [with, without] = [&with, &without].map(stdout_of);
             assert_eq!(with, without.replace("fresh/", "out/"), "{both}");
         }
         self.outputs_are_those_of(&fresh, "out");

@@ -81,7 +81,7 @@ fn deep_nesting_is_told_wherever_a_value_is_read() {
             "\"n\": Transform(mesh: \"m\", scale: (1, 1, Expr(\"{}\")))",
             open.repeat(9500)
         );
-        project.write("e.ron", &graph(&wrong));
+        project.write("e.ron", graph(&wrong));
         let output = project.maquette(&["check", "e.ron"]);
         assert_eq!(output.status.code(), Some(1));
         assert!(

@@ -84,7 +84,7 @@ fn every_engine_leaves_a_log_of_each_task_and_the_page_behind_a_failure() {
 fn lines_are_a_script_that_goes_on_behind_a_failure_and_fails() {
     for shell in ["bash", "bash -e", "sh"] {
         let project = with_a_broken_scan();
-        project.write("jobs", &emit_job(&project, "lines"));
+        project.write("jobs", emit_job(&project, "lines"));
         let output = super::shell(&project, &format!("{shell} jobs"));
         assert_eq!(output.status.code(), Some(1), "{shell}: {}", stderr_of(&output));
         check_logs(&project, shell);
@@ -101,7 +101,7 @@ fn make_goes_on_behind_a_failure_and_makes_the_page() {
         return println!("skipped: there is no make here");
     }
     let project = with_a_broken_scan();
-    project.write("jobs.mk", &emitted_with(&project, "make", &["--jobs", "2"]));
+    project.write("jobs.mk", emitted_with(&project, "make", &["--jobs", "2"]));
     let output = shell(&project, "make -f jobs.mk");
     assert_eq!(output.status.code(), Some(2), "{}", stderr_of(&output));
     check_logs(&project, "make");
@@ -152,7 +152,7 @@ fn hyperqueue_keeps_what_jobs_print_and_is_asked_for_resources() {
     assert!(job.contains("\"--time-limit\",\"1h\""), "{job}");
     project.write(
         "job.py",
-        &job.replace("sys.exit(run(Client", "code = run(Client").replace(
+        job.replace("sys.exit(run(Client", "code = run(Client").replace(
             "argv[1:])))\n",
             "argv[1:]))\nimport hyperqueue\nprint(hyperqueue.ASKED)\nsys.exit(code)\n",
         ),
