@@ -51,19 +51,19 @@ impl Verdict {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tolerance {
-    /// Largest distance of a position (mm), largest difference of a number.
+    /// Largest allowed distance of a position from the golden one, in mm, or largest allowed difference of another number.
     #[schemars(range(min = 0.0))]
     pub max: Option<f64>,
-    /// Root mean square of all distances.
+    /// Largest allowed root mean square of all distances, in mm.
     #[schemars(range(min = 0.0))]
     pub rms: Option<f64>,
-    /// 99th percentile of all distances.
+    /// Largest allowed 99th percentile of all distances, in mm.
     #[schemars(range(min = 0.0))]
     pub p99: Option<f64>,
-    /// Largest angle between normals, in degrees.
+    /// Largest allowed angle between a normal and the golden one, in degrees.
     #[schemars(range(min = 0.0, max = 180.0))]
     pub normals: Option<f64>,
-    /// Largest difference of attributes, by name.
+    /// Largest allowed difference of each attribute, by name.
     pub attributes: BTreeMap<String, f64>,
     /// Fraction of pixels, or of other entries that are equal or not, that may differ.
     #[schemars(range(min = 0.0, max = 1.0))]

@@ -85,7 +85,7 @@ impl Declaration {
             unit_span: Span::default(),
             doc: String::new(),
         };
-        // Set to false by the first error, because then the default is not checked.
+        // False after an error in the declaration: then the default value is not checked against the other fields.
         let mut is_whole = true;
         let (mut has_default, mut has_choices) = (false, declaration.kind != "Choice");
         for field in tree.fields().unwrap_or_default() {

@@ -1,4 +1,4 @@
-//! Compares names of different characters that look the same or refer to the same file.
+//! Compares names that are spelled with different characters, but look the same or refer to the same file.
 
 use unicode_normalization::UnicodeNormalization;
 

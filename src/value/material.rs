@@ -197,9 +197,9 @@ impl Material {
         self.maps.get(&MapKind::BaseColor).map_or([Wrap::Clamp; 2], |map| map.wrap)
     }
 
-    /// The color of the material's picture at a texture coordinate, whose (0, 0) is the lower left corner, as in [`Image::sample`]. White
-    /// without a picture. Beyond its border the picture continues as its map says; at the border no texels of the opposite side are mixed
-    /// in.
+    /// Returns the color of the material's picture at a texture coordinate, or white if the material has no picture. (0, 0) is the lower
+    /// left corner, as in [`Image::sample`]. Coordinates outside of the picture follow the wrap mode of the texture map. At the border, no
+    /// texels of the opposite side are mixed in.
     #[must_use]
     pub fn sample(&self, uv: [f64; 2]) -> [f64; 3] {
         self.non_empty_picture()

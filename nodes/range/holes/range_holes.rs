@@ -47,7 +47,7 @@ pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mas
 struct PartBorder {
     /// The number of adjacent pairs of cells, one in the region and one in the surrounded area, whose points are close to each other.
     n_close: usize,
-    /// The number of all adjacent pairs of cells, one in the region and one in the area, including pairs without points.
+    /// The number of all adjacent pairs of cells, one in the region and one in the surrounded area, including pairs without points.
     n_neighbors: usize,
     /// True if the surrounded area has points.
     has_points: bool,

@@ -1,4 +1,5 @@
-//! Splits values into their parts with the spaces around them, and joins such parts to values.
+//! Splits the text of a value, such as a list, into the texts of its parts, each with the white space around it. Also builds the text of a
+//! value from such parts.
 
 use std::collections::BTreeSet;
 

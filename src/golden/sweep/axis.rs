@@ -54,7 +54,8 @@ pub(super) enum Axis {
         #[serde(default)]
         #[schemars(extend("propertyNames" = { "format": "target" }))]
         beside: BTreeMap<String, String>,
-        /// Name of the value in `out` and on the contact sheet; the value is the text that matches the `*`. `file` if omitted.
+        /// Name of the swept value in `out` and on the contact sheet. The value is the text that matches the `*` of the path. By default
+        /// the name is `file`.
         #[serde(default)]
         name: String,
     },

@@ -8,7 +8,7 @@ use crate::{
     Value, Violation,
 };
 
-/// The name of the part that holds the camera. Tests ignore this part.
+/// The name of the column of [`Value::parts`] that holds the camera. Tests ignore this column.
 const CAMERA: &str = "camera";
 
 impl Value for Image {

@@ -21,7 +21,7 @@ pub enum ElementKind {
     Step,
     /// Entries of a list whose length is independent of other columns, such as knots.
     Entry,
-    /// The whole value, as the only element.
+    /// The value itself: the column has one entry.
     Whole,
 }
 

@@ -84,7 +84,8 @@ fn at_vertices_and_middles_the_surface_is_where_the_masks_say() {
 
 #[test]
 fn a_regular_patch_is_a_b_spline_with_its_derivatives() {
-    // The limit surface reproduces the x and y of the control mesh exactly, and heights that are polynomials of degree 2 up to a constant.
+    // The limit surface keeps x and y. If the heights of the control mesh are a quadratic polynomial of x and y, then the limit surface has
+    // the heights of the same polynomial plus a constant.
     let mesh = lattice(5, |x, y| 0.5 * x * x - x * y + 0.25 * y * y + x);
     let surface = surface(&mesh, Scheme::CatmullClark);
     for k in 0..50 {
