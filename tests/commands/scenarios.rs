@@ -20,18 +20,18 @@
 //! Graph(format: 1, nodes: { "m": ReadMesh(pth: "m.obj") }, outputs: {})
 //! ```
 //!
-//! A line `[1]` is the exit code; what follows it is standard error. It is omitted if the code is 0 and standard error is empty. In expected
-//! lines, `[..]` stands for any text, and a line `...` for any number of lines. Spaces at the end of a line and blank lines at the end of an
-//! output are ignored. In outputs, `$FOLDER` is the path of the case's folder. `UPDATE_EXPECT=1` writes the actual outputs into the files. It
-//! keeps lines with `[..]` that still match, and writes `[..]` for durations.
+//! A line `[1]` is the exit code; the lines after it are standard error. It is omitted if the code is 0 and standard error is empty. In
+//! expected lines, `[..]` stands for any text, and a line `...` for any number of lines. Spaces at the end of a line and blank lines at the
+//! end of an output are ignored. In outputs, `$FOLDER` is the path of the case's folder. `UPDATE_EXPECT=1` writes the actual outputs into
+//! the files. It keeps lines with `[..]` that still match, and writes `[..]` for durations.
 //!
-//! A command is the program or one of the system, such as `cat`, `cmp` (are two files equal?), `cp`, `git`, `ls` and `rm`. Words are quoted as
-//! in a shell; `$GRAPHS` is the folder `graphs` of the repository. Variables may stand before a command (`CI=true maquette ..`). Two commands are
-//! built in: `write FILE TEXT` makes a file and its folder, `replace FILE OLD NEW ..` replaces texts, which must occur in the file.
+//! A command is the program or one of the system, such as `cat`, `cmp` (are two files equal?), `cp`, `git`, `ls` and `rm`. Words are quoted
+//! as in a shell; `$GRAPHS` is the folder `graphs` of the repository. Variables may be set before a command (`CI=true maquette ..`). Two
+//! commands are built in: `write FILE TEXT` makes a file and its folder, `replace FILE OLD NEW ..` replaces texts that the file must have.
 //!
-//! Behind a command, in this order: `< NAME` passes a section as standard input, or as the text of `write`; such a section is not written as a
-//! file. `> FILE` writes standard output to a file. `| grep TEXT ..` keeps the lines of both outputs that contain one of the texts, and
-//! `| json PATH ..` prints values of the JSON document on standard output, such as `tasks.*.name,state`.
+//! A command may be followed by these, in this order: `< NAME` passes a section as standard input, or as the text of `write`; such a
+//! section is not written as a file. `> FILE` writes standard output to a file. `| grep TEXT ..` keeps the lines of both outputs that
+//! contain one of the texts, and `| json PATH ..` prints values of the JSON document on standard output, such as `tasks.*.name,state`.
 #![cfg(unix)]
 
 use std::collections::BTreeSet;
@@ -136,9 +136,7 @@ fn split_sections(text: &str) -> (&str, Vec<(&str, String)>) {
 fn new_case(script: &str, sections: &[(&str, String)]) -> Project {
     let project = Project::empty();
     for (name, text) in sections {
-        let input = format!(" < {name} ");
-        let is_input = |line: &str| line.starts_with("$ ") && format!("{line} ").contains(&input);
-        if !script.lines().any(is_input) {
+        if !script.lines().any(|line| has_input(line, name)) {
             project.write(name, text);
         }
     }
@@ -148,6 +146,11 @@ fn new_case(script: &str, sections: &[(&str, String)]) -> Project {
         assert!(output.status.success(), "{command}: {output:?}");
     }
     project
+}
+
+/// Returns true if the line is a command with this section as its input.
+fn has_input(line: &str, section: &str) -> bool {
+    line.starts_with("$ ") && format!("{line} ").contains(&format!(" < {section} "))
 }
 
 fn is_command_or_comment(line: &str) -> bool {
@@ -191,10 +194,12 @@ fn to_pattern(line: &str) -> String {
         return "[..]".to_owned() + &line[1..];
     }
     let words: Vec<_> = line.split(' ').collect();
-    let is_duration =
-        |pair: &[&str]| pair[0].parse::<f64>().is_ok() && ["ms", "s"].contains(&pair[1]);
     let Some(at) = words.windows(2).position(is_duration) else { return line.to_owned() };
     words[..at].join(" ").trim_end().to_owned() + " [..]"
+}
+
+fn is_duration(words: &[&str]) -> bool {
+    words[0].parse::<f64>().is_ok() && ["ms", "s"].contains(&words[1])
 }
 
 /// Splits a command line into words, as a shell does.
@@ -236,8 +241,9 @@ fn run_line(project: &Project, line: &str, sections: &[(&str, String)]) -> Outpu
         Some((name, texts)) if name == "grep" => {
             for bytes in [&mut output.stdout, &mut output.stderr] {
                 let text = String::from_utf8_lossy(bytes).into_owned();
-                let is_kept = |line: &&str| texts.iter().any(|text| line.contains(text));
-                *bytes = text.split_inclusive('\n').filter(is_kept).collect::<String>().into();
+                let lines = text.split_inclusive('\n');
+                let lines = lines.filter(|line| texts.iter().any(|text| line.contains(text)));
+                *bytes = lines.collect::<String>().into();
             }
         }
         Some((name, paths)) if name == "json" => {
@@ -297,14 +303,12 @@ fn run_command(project: &Project, words: &[String], input: &str) -> Output {
 }
 
 fn run_program(project: &Project, words: &[&str], input: &str) -> Output {
-    let is_variable = |word: &&str| word.starts_with(char::is_uppercase) && word.contains('=');
-    let count = words.iter().copied().take_while(is_variable).count();
+    let count = words.iter().take_while(|word| is_variable(word)).count();
     let (variables, words) = words.split_at(count);
     let folder = Path::new(env!("CARGO_BIN_EXE_maquette")).parent().unwrap().display();
     let path = format!("{folder}:{}", std::env::var("PATH").unwrap_or_default());
     let mut command = project.program(words[0], &words[1..]);
-    command.env("PATH", path);
-    command.env("NO_COLOR", "1").env("LC_ALL", "C");
+    command.env("PATH", path).env("NO_COLOR", "1").env("LC_ALL", "C");
     command.env("GIT_CONFIG_GLOBAL", "/dev/null").env("GIT_CONFIG_NOSYSTEM", "1");
     for role in ["AUTHOR", "COMMITTER"] {
         command.env(format!("GIT_{role}_NAME"), "A").env(format!("GIT_{role}_EMAIL"), "a@b.c");
@@ -315,4 +319,9 @@ fn run_program(project: &Project, words: &[&str], input: &str) -> Output {
     // A program that refuses its arguments may end before it reads its input.
     let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
     child.wait_with_output().unwrap()
+}
+
+/// Returns true for a word such as `CI=true`.
+fn is_variable(word: &str) -> bool {
+    word.starts_with(char::is_uppercase) && word.contains('=')
 }
