@@ -183,7 +183,7 @@ fn is_positive(weight: f64) -> bool {
     weight > 0.0
 }
 
-/// Some rows of the grid of points. `bases` and `us` begin with the entries of these rows.
+/// Some rows of the grid of points. The lists `bases` and `us` begin with the entries of these rows; further entries are ignored.
 struct PointStrip<'a> {
     surface: &'a Surface,
     lines: &'a Lines,
@@ -208,8 +208,8 @@ impl Kernel for PointStrip<'_> {
     }
 }
 
-/// Some rows of the grid of points and normals. Each of `lines` and `bases` is a pair for values and for derivatives; each of `noise` and
-/// `at` is a pair for u and for v. Data along u begins with the entries of these rows.
+/// Some rows of the grid of points and normals. `lines` and `bases` have the data for values, then those for derivatives; `noise` and `at`
+/// have the data for u, then those for v. Lists along u begin with the entries of these rows; further entries are ignored.
 struct NormalStrip<'a> {
     surface: &'a Surface,
     lines: [&'a Lines; 2],
