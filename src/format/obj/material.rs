@@ -1,7 +1,8 @@
 //! Reads the materials of an OBJ file. The OBJ file refers to MTL files, and these refer to pictures, by paths relative to the referring
 //! file.
-//! Supported are the statements of Wavefront's manual ("Alias/WaveFront Material (.mtl) File Format", 1995), and those that exporters write
-//! for physically based materials: `Pr`, `Pm`, `map_Pr`, `map_Pm`, `map_ORM`, `map_RMA`, `map_ao`, `norm`.
+//!
+//! The supported statements are those of Wavefront's manual ("Alias/WaveFront Material (.mtl) File Format", 1995), and those that exporters
+//! write for physically based materials: `Pr`, `Pm`, `map_Pr`, `map_Pm`, `map_ORM`, `map_RMA`, `map_ao`, `norm`.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
