@@ -24,7 +24,7 @@ pub type FindFile<'a> = &'a mut dyn FnMut(&str) -> Result<Arc<[u8]>, String>;
 pub(super) struct UsedMaterials {
     /// One material per name, or at most one material if the OBJ file uses no name.
     pub(super) materials: Vec<Material>,
-    /// For each material the placement of its pictures, one for each of the attributes `uv`, `uv1`, ..
+    /// For each material, the placements of its pictures: one for each of the attributes `uv`, `uv1`, ..
     pub(super) layouts: Vec<Vec<Layout>>,
     /// Warnings about materials and pictures that are missing or not read completely.
     pub(super) warnings: Vec<String>,

@@ -130,8 +130,8 @@ impl Value for Mesh {
     }
 
     /// Builds a mesh from parts. If all faces have equally many corners, the column `corners` has that many numbers per face. If not, the
-    /// column `sides` has the number of corners of each face, and `corners` has one number per corner. All other columns of vertices, corners
-    /// and faces are attributes.
+    /// column `sides` has the number of corners of each face, and `corners` has one number per corner. All other columns of vertices,
+    /// corners and faces are attributes.
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         let position = parts
             .find(ElementKind::Vertex, "position")

@@ -82,8 +82,8 @@ impl Value for RangeImage {
         parts
     }
 
-    /// Builds a range image from parts. Only the part `point` is required. Without the part `registration` the grid is registered to a picture
-    /// of the grid's size, so that each cell is on one pixel.
+    /// Builds a range image from parts. Only the part `point` is required. Without the part `registration` the grid is registered to a
+    /// picture of the grid's size, so that each cell is on one pixel.
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         let [width, height] = parts.size()?;
         let points = parts.require("point", 3)?.to_points()?;

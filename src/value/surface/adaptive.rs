@@ -47,7 +47,7 @@ impl Surface {
 /// A quadtree of cells in the domain of a surface. The positions of cells are in units of the smallest cell.
 struct Tree<'a> {
     surface: &'a Surface,
-    /// The parameters at the ends of the spans.
+    /// The parameters at the ends of the spans along u. `vs` has those along v.
     us: Vec<f64>,
     vs: Vec<f64>,
     /// The cells: first the spans, row by row, then the quarters of divided cells, four at a time.
