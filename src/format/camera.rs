@@ -75,9 +75,10 @@ impl CameraFile {
 }
 
 /// Reads a camera file: a JSON object with `color` (or `colour`) and `range`, each with the pinhole parameters `fx fy cx cy` and optionally
-/// `width` and `height`. Optional are also `units` and `world_from_camera_mm`, a rigid motion as 4 rows of 4 numbers. A pinhole at the top
-/// level or in `camera` is used for both cameras; a file with only `range` has no color camera. For depth maps, `depth_png.units_per_mm` or
-/// `depth_units_per_metre` gives the scale of their integers, and `depth_png.invalid` the value of pixels without depth.
+/// `width` and `height`. The keys `units` and `world_from_camera_mm` (a rigid motion as 4 rows of 4 numbers) are optional. A pinhole at the
+/// top level or in `camera` is used for both cameras; a file with only `range` has no color camera. For depth maps,
+/// `depth_png.units_per_mm` or `depth_units_per_metre` gives the scale of their integers, and `depth_png.invalid` the value of pixels
+/// without depth.
 ///
 /// Files of other programs are accepted, too: a matrix of 9 numbers by rows or by columns in `intrinsic_matrix` (Open3D), `K` (Record3D) or
 /// `camera_matrix` (OpenCV), and the keys `fl_x fl_y cx cy w h` (NeRF). A lens distortion, or a depth scale under another name, gives a

@@ -25,8 +25,8 @@ pub(super) fn decide(
     })
 }
 
-/// Guesses the range from the maximum: 1 (except for channels that are stored as integers), 255 or 65535. Non-integers with a maximum below
-/// 2, slightly brighter than white, have the range 1, too.
+/// Guesses the range from the maximum of all channels: 1 (except for channels that are stored as integers), 255 or 65535. If some channels
+/// are not integers, a maximum of up to 2 also gives the range 1: colors may be slightly brighter than white.
 fn guess(channels: impl Iterator<Item = f64>, are_whole: bool) -> ColorRange {
     let (mut max, mut is_integer) = (0.0_f64, true);
     for channel in channels.filter(|channel| channel.is_finite()) {

@@ -154,7 +154,7 @@ pub(super) fn add_corner_data<T: Copy + PartialEq>(
 
 /// Groups of corners with equal vertex and equal data, for formats that store data only per vertex.
 pub(super) struct Split {
-    /// One corner of each group, in the order in which the faces reach the groups.
+    /// One corner of each group. The groups are in the order in which the faces first use them.
     pub(super) corners: Vec<u32>,
     /// The index of the group to which each corner belongs.
     pub(super) of_corner: Vec<u32>,

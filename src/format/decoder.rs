@@ -220,7 +220,7 @@ mod tests {
             if color == ColorType::Indexed {
                 encoder.set_palette(noise(3 * 256.min(1 << depth as usize)));
             }
-            // The transparent color; color types with alpha have no such color.
+            // The color that counts as transparent in the test picture. Color types with alpha have no such color.
             let key = match color {
                 ColorType::Indexed => vec![0],
                 ColorType::Grayscale => vec![0, 1],

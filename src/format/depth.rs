@@ -1,5 +1,5 @@
-//! Depth maps: the z coordinate of each pixel, as a 16-bit PNG, or a TIFF or OpenEXR file of floats. A pinhole camera converts them to
-//! points. They are written as PNG with a camera file.
+//! Depth maps: the z coordinate of each pixel, as a 16-bit PNG, or a TIFF or OpenEXR file of floats. A pinhole camera converts depths to
+//! points. Depth maps are written as PNG files with a camera file.
 
 use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::bail;

@@ -12,7 +12,7 @@ pub(crate) fn check_no_panic<T>(file: &[u8], read: impl Fn(&[u8]) -> T) {
             let random = scramble(case * 8 + change);
             let at = random as usize % damaged.len();
             let byte = (random >> 40) as u8;
-            // A digit often keeps a number valid; any other byte makes it invalid.
+            // Text often stays valid if a byte becomes a digit, whereas most other bytes make it invalid.
             damaged[at] = if random >> 63 == 0 { byte } else { b'0' + byte % 10 };
         }
         drop(read(&damaged));

@@ -113,7 +113,7 @@ fn scan_markers(bytes: &[u8]) -> Option<Outline> {
     let mut outline = Outline { scans: 0, is_progressive: false };
     let mut at = 2;
     loop {
-        // Between markers are the bits of a scan. In them a byte 255 is followed by 0, or is the start of a restart marker.
+        // Between two markers are the bits of a scan. A byte 255 among them is followed by 0, or is the start of a restart marker.
         at += bytes.get(at..)?.iter().position(|&byte| byte == 0xff)?;
         let kind = *bytes.get(at + 1)?;
         at += match kind {

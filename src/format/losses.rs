@@ -30,7 +30,8 @@ pub(super) fn mesh_warning(mesh: &Mesh, held: Fidelities) -> Option<String> {
     fn is_lost(kind: DataKind, held: &[(DataKind, Fidelity)]) -> bool {
         !held.iter().any(|(listed, _)| *listed == kind)
     }
-    /// Returns the names of lost attributes. `color`, `uv` and `other` are the kinds of data to which the attributes of the domain belong.
+    /// Returns the names of lost attributes. `color`, `uv` and `other` are the kinds of data that the attributes belong to. `uv` is `None`
+    /// if texture coordinates count as `other`.
     fn lost_attributes(
         attributes: &Attributes,
         color: DataKind,

@@ -3,19 +3,19 @@
 /// A picture format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// PNG.
+    /// Portable Network Graphics: lossless compression.
     Png,
-    /// JPEG.
+    /// The format of the Joint Photographic Experts Group: lossy compression.
     Jpeg,
-    /// TIFF.
+    /// Tag Image File Format, including BigTIFF (with 64-bit offsets).
     Tiff,
-    /// WebP.
+    /// WebP, which is stored in a RIFF container.
     WebP,
-    /// BMP.
+    /// The bitmap format of Windows.
     Bmp,
-    /// OpenEXR.
+    /// OpenEXR, with channels of floating-point numbers.
     Exr,
-    /// Radiance HDR.
+    /// Radiance HDR, with pixels of linear light.
     Hdr,
 }
 

@@ -41,7 +41,7 @@ pub enum Rows {
     ByHeight,
 }
 
-/// The error that no range file has this extension (without the dot).
+/// The error for an extension (without the dot) that no format of range grids has.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot read a range grid from `.{}`: expected one of {}", .0, extensions())]
 pub struct UnknownExtension(String);
@@ -144,8 +144,8 @@ fn flip_rows(range: &RangeImage) -> Result<RangeImage, SizeError> {
     })
 }
 
-/// Reads a range image in mm. If there is a file `camera.json` beside it, this file gives its camera, and its registration in the picture
-/// of the capture.
+/// Reads a range image in mm. A file `camera.json` beside the range file gives the camera of the grid, and the registration of the grid in
+/// the picture of the capture. Its cameras are ignored if it states another size for the grid.
 pub(crate) struct RangeFiles;
 
 impl FileReader for RangeFiles {

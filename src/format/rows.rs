@@ -165,7 +165,8 @@ pub(super) fn concatenate(tables: Vec<Table<'_>>) -> Content<'_> {
     })
 }
 
-/// Returns the tables that have bytes in a range of a file, in order, each with the part of its own bytes in this range.
+/// Returns the tables that have bytes in the range `stretch` of the file, in order. Each comes with the part of the range that is inside
+/// the table, counted from the start of the table.
 fn stretches<'t, 'a>(
     tables: &'t [Table<'a>],
     stretch: Range<usize>,

@@ -94,7 +94,8 @@ fn read_with_notes(bytes: &[u8]) -> Result<(Mesh, Vec<String>), Error> {
 /// Reads the triangles of a binary file.
 fn read_binary(bytes: &[u8], corners: &mut Corners) {
     let (header, triangles) = bytes.split_at(84);
-    // Magics stores in the header a color for all triangles that have no color of their own. Its channels are in reverse order.
+    // Magics stores in the header a color for all triangles that have no color of their own. In the colors of single triangles it reverses
+    // the order of the channels.
     let magics = header.windows(9).find_map(|window| window.strip_prefix(b"COLOR="));
     if let Some([red, green, blue]) = magics {
         corners.usual_color = [*red, *green, *blue];

@@ -26,7 +26,7 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Describes a mesh in a line.
+/// Describes a mesh in one line of text.
 fn mesh(mesh: &Mesh) -> String {
     let area = mesh.faces().iter().flat_map(|face| {
         face[1..].windows(2).map(|pair| {

@@ -20,12 +20,12 @@ impl Bounds {
             .fold(start, |it, point| Self { low: it.low.inf(point), high: it.high.sup(point) })
     }
 
-    /// Returns the smallest box that contains both boxes.
+    /// Returns the smallest box that contains this box and `other`.
     pub fn join(&self, other: &Self) -> Self {
         Self { low: self.low.inf(&other.low), high: self.high.sup(&other.high) }
     }
 
-    /// Returns true if the boxes have a point in common.
+    /// Returns true if this box and `other` have a point in common. A common point of the borders suffices.
     pub fn overlaps(&self, other: &Self) -> bool {
         (0..3).all(|k| self.low[k] <= other.high[k] && other.low[k] <= self.high[k])
     }
@@ -47,7 +47,7 @@ struct Node {
     bounds: Bounds,
     /// The number of descendants of this node.
     descendants: u32,
-    /// The range of a leaf's boxes; empty for inner nodes.
+    /// The range of the leaf's entries in the list `order` of the tree; empty for inner nodes.
     leaf: std::ops::Range<usize>,
 }
 

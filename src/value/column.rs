@@ -26,7 +26,7 @@ struct SharedItems<T> {
     hash: OnceLock<Hash>,
     /// The hashes of the column's blocks, if there are several.
     blocks: OnceLock<Blocks>,
-    /// The buffer pool that a large column shares with the column from which it was made and with the columns that are made from it.
+    /// The buffer pool of a large column. Columns that are made from one another share a pool.
     pool: OnceLock<Arc<BufferPool<T>>>,
 }
 
@@ -63,8 +63,8 @@ impl<T: NoUninit + Send + Sync> Column<T> {
         *known == hash
     }
 
-    /// Feeds the hasher with bytes that identify the items in the given rows and their positions: other items or positions give other
-    /// bytes. If the hash of the column is known, no item is read.
+    /// Feeds the hasher with bytes that identify the items in the given rows and the positions of these items. Different items or positions
+    /// give different bytes. If the hash of the column is known, no item is read.
     pub fn hash_rows(&self, rows: Range<usize>, to: &mut blake3::Hasher) {
         if rows.is_empty() {
             return;
@@ -84,16 +84,16 @@ impl<T: NoUninit + Send + Sync> Column<T> {
         bytemuck::cast_slice(&self.0.items)
     }
 
-    /// The memory that the items hold, in bytes. No capacity is reserved for more items.
+    /// The memory that the items hold, in bytes. A column reserves no capacity for more items.
     pub fn size(&self) -> usize {
         size_of_val(&self.0.items[..])
     }
 }
 
 impl<T: Pod + Send + Sync> Column<T> {
-    /// A copy of the column with other items in some rows. `others` holds the new items of all rows, one row after the other. Only the
-    /// blocks around the changed items are hashed again. All items are copied, unless the pool has the buffer of a dropped column: then
-    /// only the items that have changed since that column was made are copied.
+    /// A copy of the column in which the items of some rows (ranges of indices) are replaced. `others` holds the new items of all rows, one
+    /// row after the other. Only the blocks that contain changed items are hashed again. All items are copied, unless the pool has the
+    /// buffer of a dropped column: then only the items that have changed since that column was made are copied.
     ///
     /// # Panics
     /// If a row is out of bounds, rows overlap or are not in ascending order, or `others` has the wrong length.
@@ -139,7 +139,7 @@ impl<T: Pod + Send + Sync> Column<T> {
         items.par_rows_mut(rows, buffer_pool::PIECE_LEN).for_each(|(row, to)| write(row, to));
         let column = Self(Arc::new(SharedItems::new(items)));
         if let Some(pool) = pool {
-            // No other thread has access to the new column yet, so its pool and its block hashes are still unset.
+            // No other thread has access to the new column yet, so neither of the two calls of `set` fails.
             let _ = column.0.pool.set(pool.clone());
         }
         if of_one_block(0, self.bytes()).is_none() {
@@ -182,7 +182,7 @@ impl<T> Column<T> {
 
 impl<T> From<Vec<T>> for Column<T> {
     fn from(mut items: Vec<T>) -> Self {
-        // The list is kept as long as the value, and so would be its unused capacity.
+        // Release the unused capacity, which would otherwise take memory for as long as the column exists.
         items.shrink_to_fit();
         Self(Arc::new(SharedItems::new(items)))
     }
@@ -262,7 +262,7 @@ mod tests {
         let mut from_spares = 0;
         for step in 0..300 {
             let (column, mut items) = known[random_below(known.len(), &mut random)].clone();
-            // Most moves change few rows, and some change most of them.
+            // Most steps change few items of the column, and some change most of them.
             let limit = if random_below(10, &mut random) == 0 { len } else { 1 + len / 50 };
             let starts =
                 [random_below(len / 2, &mut random), len / 2 + random_below(len / 2, &mut random)];

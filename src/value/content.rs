@@ -1,19 +1,19 @@
-//! The fields of values: how each is encoded, decoded and measured.
+//! Encoding, decoding and memory size of the fields of value types.
 
 use bytemuck::{AnyBitPattern, NoUninit};
 use nalgebra::Matrix4;
 
 use super::{Column, DecodeError, Decoder, Encoder, Value};
 
-/// A part of a value's content.
+/// A field of a value, or the whole content of a value.
 pub(crate) trait Content: Sized {
-    /// Writes the part, as [`Value::encode`] does.
+    /// Writes the field, as [`Value::encode`] writes a value.
     fn encode(&self, to: &mut Encoder);
 
     /// Reads what [`Content::encode`] wrote.
     fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError>;
 
-    /// The memory that the part holds elsewhere, in bytes.
+    /// The memory outside of the field itself that the field holds, in bytes.
     fn size(&self) -> usize {
         0
     }
@@ -128,7 +128,7 @@ macro_rules! plain_content {
 
 plain_content!(f64 [f64; 2]);
 
-/// A motion from one frame to another, column by column.
+/// A motion from one coordinate frame to another. The matrix is written column by column.
 impl Content for Matrix4<f64> {
     fn encode(&self, to: &mut Encoder) {
         let columns: [[f64; 4]; 4] = (*self).into();

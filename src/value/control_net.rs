@@ -21,7 +21,7 @@ pub enum ControlNetError {
         /// The length of the first row.
         expected: usize,
     },
-    /// Any other violation of the invariant; contains the message.
+    /// Any other violation of the invariant of [`ControlNet`]; contains the message.
     #[error("{0}")]
     Invalid(String),
 }

@@ -27,7 +27,7 @@ pub enum CurveError {
         /// The minimum: 2 for an open polyline, 3 for a closed one.
         min: usize,
     },
-    /// Any other violation of the invariant; contains the message.
+    /// Any other violation of the invariant of [`Curve`]; contains the message.
     #[error("{0}")]
     Invalid(String),
 }
@@ -40,7 +40,7 @@ pub enum CurveError {
 ///
 /// The parameter of a polyline is the index of its point, from 0; between points it runs along straight segments. A closed polyline returns
 /// from its last point to its first, which is not repeated. The parameter of a B-spline is that of its knots. A B-spline is closed if it
-/// ends where it begins. Its points show that, so closedness is not stored separately.
+/// ends where it begins; this follows from its points and is not stored.
 ///
 /// Invariant, checked by [`Curve::polyline`] and [`Curve::rational`]: all points are finite. A polyline has at least 2 points, a closed one
 /// at least 3. A B-spline has as many control points as its knots need, each with a finite weight greater than 0.

@@ -17,7 +17,7 @@ pub enum DirectionError {
         /// The length of the mean of the vectors, which is less than 1e-6.
         length: f64,
     },
-    /// Any other violation of the invariant; contains the message.
+    /// Any other violation of the invariant of [`Direction`]; contains the message.
     #[error("{0}")]
     Invalid(String),
 }
@@ -76,7 +76,8 @@ impl Direction {
         self.vector
     }
 
-    /// The resultant: the length of the mean of the unit vectors. It is 1 if all of them agree, and near 0 if they point everywhere.
+    /// The resultant: the length of the mean of the unit vectors. It is 1 if all of them are equal, and near 0 if they point in all
+    /// directions.
     pub fn resultant(&self) -> f64 {
         self.resultant
     }

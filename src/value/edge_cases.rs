@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-/// Picture sizes that loops often do not handle: no pixel, one pixel, one row, one column.
+/// Picture sizes for which loops often have bugs: no pixel, one pixel, one row, one column.
 pub(super) const SIZES: [[usize; 2]; 5] = [[0, 0], [1, 1], [7, 1], [1, 7], [3, 0]];
 
 /// Pictures of all [`SIZES`], each with equal pixels.

@@ -40,7 +40,7 @@ pub enum NoElements {
 /// The result of splitting a value. `None` if the value's type has no elements of the requested kind.
 pub(crate) type Cut = Option<ElementsResult>;
 
-/// One way to split values of a type, as the engine sees it.
+/// A type-erased [`Elements`]: one way to split the values of a type into elements.
 #[derive(Clone, Copy)]
 pub struct ElementType {
     pub word: &'static str,

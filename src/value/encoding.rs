@@ -197,7 +197,7 @@ pub struct Decoder<'a> {
     columns: &'a dyn Columns,
 }
 
-/// The content of a stored value does not have the form that its type writes.
+/// Error of decoding a stored value: the content does not have the form that the value's type writes.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("the stored value is damaged, or its type cannot be decoded")]
 pub struct DecodeError;

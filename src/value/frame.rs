@@ -73,8 +73,8 @@ pub struct Registration {
 }
 
 impl Registration {
-    /// The registration that aligns the outer corners of both grids, not the centers of their corner pixels. It is the right choice if no
-    /// camera file exists.
+    /// The registration that aligns the outer corners of the range grid and the picture, not the centers of their corner pixels. It is the
+    /// right choice if no camera file exists.
     pub fn corners(range: [usize; 2], picture: [usize; 2]) -> Self {
         let scale = [0, 1].map(|axis| picture[axis] as f64 / range[axis].max(1) as f64);
         Self { scale, offset: scale.map(|scale| (scale - 1.0) / 2.0), picture }
@@ -97,7 +97,7 @@ impl Registration {
         [0, 1].map(|axis| (pixel[axis] - self.offset[axis]) / self.scale[axis])
     }
 
-    /// The pinhole K_picture of the picture, if `range` is the pinhole of the range grid.
+    /// The pinhole camera of the picture, computed from the pinhole camera `range` of the range grid.
     pub fn pinhole_of_picture(&self, range: &Pinhole) -> Pinhole {
         Pinhole {
             focal: [0, 1].map(|axis| range.focal[axis] * self.scale[axis]),

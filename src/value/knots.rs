@@ -31,7 +31,7 @@ pub enum KnotVectorError {
         /// The minimum number of knots: 2 (degree + 1).
         min: usize,
     },
-    /// Any other violation of the invariant; contains the message.
+    /// Any other violation of the invariant of [`KnotVector`]; contains the message.
     #[error("{0}")]
     Invalid(String),
 }
@@ -92,7 +92,7 @@ impl KnotVector {
         self.degree
     }
 
-    /// All knots.
+    /// All knots in ascending order, each as often as it is repeated.
     pub fn knots(&self) -> &[f64] {
         &self.knots
     }

@@ -117,7 +117,7 @@ impl Labels {
         Ok(Self::assemble(width, height, huge_vec(width * height), runs))
     }
 
-    /// Writes the labels of the runs into `pixels`. All other entries of `pixels` are background.
+    /// Writes the labels of the runs into `pixels`. All other entries of `pixels` must already be 0 (background).
     fn assemble(width: usize, height: usize, mut pixels: Vec<u32>, runs: &[LabelRun]) -> Self {
         let strips = pixels.par_chunks_mut(STRIP_ROWS.saturating_mul(width.max(1))).enumerate();
         strips.for_each(|(strip, pixels)| {

@@ -30,7 +30,8 @@ impl Mask {
         Ok(Self { width, height, pixels: pixels.into() })
     }
 
-    /// Builds a mask of `width` x `height` pixels, row by row from the top. Unlike [`Mask::new`], it does not make a pass over the entries.
+    /// Builds a mask of `width` x `height` pixels, row by row from the top. It is faster than [`Mask::new`], because no entry needs to be
+    /// changed to 0 or 1.
     ///
     /// # Errors
     /// If the number of entries is not `width` x `height`.

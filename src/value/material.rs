@@ -386,7 +386,7 @@ impl Wrap {
     }
 }
 
-/// The tag of a list of materials. The other tags are 0 for no picture, and 1 for a single picture.
+/// The tag at the start of an encoded list of materials. The other encodings start with the tag 0 (no material) or 1 (a single picture).
 const SEVERAL: u8 = 2;
 
 /// The materials of a mesh. If the only material is a plain picture, only the picture is written.

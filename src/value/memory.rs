@@ -68,8 +68,8 @@ pub fn keep_freed() {
 pub fn keep_freed() {}
 
 /// Requests large pages for a large list: from the page in which the items start to the page in which they end. The range includes the
-/// allocator's own bytes before the items. So neighboring lists are one range for the system, and a large page may cross the border between
-/// them.
+/// allocator's own bytes before the items. The ranges of neighboring lists therefore touch, and one large page may contain the end of one
+/// list and the start of the next.
 #[cfg(target_os = "linux")]
 fn advise<T>(items: &mut [T]) {
     use std::ffi::c_void;

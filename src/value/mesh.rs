@@ -42,7 +42,7 @@ pub enum MeshError {
         /// The number of elements of that kind.
         count: usize,
     },
-    /// Any other violation of the invariant; contains the message.
+    /// Any other violation of the invariant of [`Mesh`]; contains the message.
     #[error("{0}")]
     Invalid(String),
 }
@@ -164,7 +164,7 @@ impl Mesh {
         Ok(self.with_other(positions, rows))
     }
 
-    /// The mesh with the given positions, which must equal the present ones outside of `rows`.
+    /// The mesh with the given positions. Only positions in `rows` may differ from those of this mesh.
     fn with_other(&self, positions: Column<Point3<f64>>, rows: &[Range<u32>]) -> Self {
         let derived = self.derived.after_moving_rows(rows, &positions);
         let mut mesh = Self { positions, derived, ..self.clone() };
@@ -215,7 +215,7 @@ impl Mesh {
         self
     }
 
-    /// Replaces the creases: pairs of vertices with a sharpness from 0 to 10. A crease of sharpness 10 or more never softens.
+    /// Replaces the creases: pairs of vertices with a sharpness of at least 0. A crease of sharpness 10 or more never softens.
     ///
     /// # Errors
     /// If a crease refers to a missing vertex, or its sharpness is negative or NaN.

@@ -257,7 +257,7 @@ fn each_part<P: Parallel>(items: P, f: &(dyn Fn(usize, P) + Sync)) {
     if count <= 1 {
         return f(0, items);
     }
-    // The items are split off from the end, so that the rest of a list is not moved.
+    // The parts are split off from the end, because splitting off the front of a list would move all remaining items.
     let mut parts = Vec::with_capacity(count);
     let mut rest = items;
     for index in (1..count).rev() {

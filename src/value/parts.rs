@@ -1,7 +1,7 @@
 //! The parts of a value: columns of numbers, and facts such as counts and sizes.
 //!
 //! Tests compare parts, `maquette inspect --table` prints them, and programs that embed the engine read them as arrays. Conversely,
-//! [`Value::from_parts`](super::Value::from_parts) builds values from arrays. For all of that the type of the value need not be known.
+//! [`Value::from_parts`](super::Value::from_parts) builds values from arrays. None of these uses needs to know the type of the value.
 //!
 //! ```
 //! use maquette_value::{Mask, Meaning, Value};
@@ -163,7 +163,8 @@ pub struct Range {
     pub mean: f64,
 }
 
-/// For each component of elements with `width` numbers, the range of the finite numbers. `None` for a component without finite numbers.
+/// Splits `numbers` into elements of `width` components. For each component, returns the range of its finite numbers, or `None` if it has
+/// none.
 pub fn ranges(numbers: &[f64], width: usize) -> Vec<Option<Range>> {
     (0..width)
         .map(|component| {

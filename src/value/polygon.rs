@@ -9,8 +9,8 @@ use robust::{Coord, orient2d};
 /// The two coordinates of a point in a plane.
 pub type PlanePoint = [f64; 2];
 
-/// Projects a point along that coordinate axis that is closest to `normal`. A polygon that is counter-clockwise around `normal` stays
-/// counter-clockwise. Nothing is rounded, because the projection only drops one coordinate.
+/// Projects a point to a coordinate plane, along the coordinate axis that is closest to `normal`. A polygon that is counter-clockwise
+/// around `normal` stays counter-clockwise. Nothing is rounded, because the projection only drops one coordinate.
 pub fn project_to_plane(at: Point3<f64>, normal: Vector3<f64>) -> PlanePoint {
     let axis = normal.iamax();
     let [x, y] = [(axis + 1) % 3, (axis + 2) % 3].map(|axis| at[axis]);
@@ -191,8 +191,8 @@ impl<'a> Clipping<'a> {
         self.queue.push((sortable(self.quality[tip]), Reverse(tip)));
     }
 
-    /// The quality of the triangle at a corner. By its shape, an ear that can be clipped has a quality from 0 to 1. The quality of any
-    /// other ear is negative: the worse the result of clipping it, the lower.
+    /// The quality of the triangle at a corner. An ear that can be clipped has a quality from 0 to 1 for its shape, or else [`SHORT`] or
+    /// [`SPIKE`]. The quality of any other ear is negative: the worse the result of clipping it, the lower.
     fn ear_quality(&self, tip: usize) -> f64 {
         let triangle = [self.before[tip], tip, self.next[tip]];
         let ear = triangle.map(|k| self.corners[k]);

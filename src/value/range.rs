@@ -156,8 +156,9 @@ impl RangeImage {
     }
 
     /// The forced triangles: they belong to the surface however long or steep they are, because they were redesigned or filled. The value
-    /// of a cell describes the triangles between the cell (a), its right neighbor (b), its lower right neighbor (c) and its lower neighbor
-    /// (d): bit 0 is the triangle a d c, bit 1 is a c b; or bit 2 is a d b and bit 3 is b d c.
+    /// of a cell describes the quad between the cell (a), its right neighbor (b), its lower right neighbor (c) and its lower neighbor (d).
+    /// If the quad is cut along a c, bit 0 is the triangle a d c, and bit 1 is a c b. If it is cut along b d, bit 2 is a d b, and bit 3 is
+    /// b d c.
     pub fn forced_triangles(&self, cell: usize) -> u8 {
         self.joined.get(cell).copied().unwrap_or(0)
     }

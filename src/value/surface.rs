@@ -43,7 +43,7 @@ pub enum SurfaceError {
         /// The number of control points of the net.
         points: usize,
     },
-    /// Any other violation of the invariant; contains the message.
+    /// Any other violation of the invariant of [`Surface`]; contains the message.
     #[error("{0}")]
     Invalid(String),
 }

@@ -80,8 +80,8 @@ pub trait Value: Clone + Send + Sync + 'static {
         Vec::new()
     }
 
-    /// Valid values that are hard to process: empty, tiny, degenerate, enormous. `maquette::conformance` runs nodes on these values. Their
-    /// parts also determine the tolerances that a test of this type may set, because the kinds of numbers show what can be compared.
+    /// Valid values that are hard to process: empty, tiny, degenerate, enormous. `maquette::conformance` runs nodes on these values. The
+    /// meanings of the numbers in their parts also determine which kinds of tolerances a test of this type may state.
     fn edge_cases() -> Vec<Self> {
         Vec::new()
     }

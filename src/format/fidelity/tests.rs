@@ -84,7 +84,7 @@ fn mesh_with(kind: DataKind) -> Option<(Mesh, Mesh, &'static str)> {
     Some((plain, mesh, name))
 }
 
-/// The part of some data that is preserved when a mesh is written and read.
+/// The part of one kind of a mesh's data that is preserved when the mesh is written and read.
 #[derive(Debug, PartialEq)]
 enum Remainder {
     All,
@@ -167,7 +167,7 @@ fn write(format: &Format, value: impl Into<AnyValueOf>) -> Vec<NewFile> {
     format.write(&value.into().0, &format!("it.{}", format.extension)).unwrap()
 }
 
-/// A value of any type.
+/// Wraps an [`AnyValue`], so that conversions from other types can be implemented here.
 struct AnyValueOf(AnyValue);
 
 impl From<&Mesh> for AnyValueOf {

@@ -150,7 +150,7 @@ struct Piece {
     buffer_view: usize,
     #[serde(default)]
     byte_offset: usize,
-    /// The type of the numbers; present for indices only.
+    /// The storage type of the numbers. Only the piece with the indices has one.
     component_type: Option<u32>,
 }
 

@@ -368,7 +368,8 @@ impl<'a> Scene<'a> {
                 |index| finite.contains(index),
             ));
         }
-        // Triangles that have a corner with NaN or infinite coordinates are left out, and so are such points of a point cloud.
+        // Triangles that have a corner with NaN or infinite coordinates are left out. In a point cloud, points with NaN or infinite
+        // coordinates are left out.
         let before = self.triangles.len();
         let is_finite: Vec<bool> = self
             .triangles
@@ -467,7 +468,7 @@ impl CustomKind {
     }
 }
 
-/// Adds data of glTF vertices to a mesh: directly for a point cloud, else through the remaining corners.
+/// Adds data of glTF vertices to a mesh: directly for a point cloud, else by the corners of the remaining faces.
 fn add_data<T: Copy + PartialEq>(
     mesh: Mesh,
     name: &str,

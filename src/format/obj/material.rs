@@ -1,7 +1,8 @@
 //! Reads the materials of an OBJ file. The OBJ file refers to MTL files, and these refer to pictures, by paths relative to the referring
 //! file.
-//! Supported are the statements of Wavefront's manual ("Alias/WaveFront Material (.mtl) File Format", 1995), and those that exporters write
-//! for physically based materials: `Pr`, `Pm`, `map_Pr`, `map_Pm`, `map_ORM`, `map_RMA`, `map_ao`, `norm`.
+//!
+//! The supported statements are those of Wavefront's manual ("Alias/WaveFront Material (.mtl) File Format", 1995), and those that exporters
+//! write for physically based materials: `Pr`, `Pm`, `map_Pr`, `map_Pm`, `map_ORM`, `map_RMA`, `map_ao`, `norm`.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -23,7 +24,7 @@ pub type FindFile<'a> = &'a mut dyn FnMut(&str) -> Result<Arc<[u8]>, String>;
 pub(super) struct UsedMaterials {
     /// One material per name, or at most one material if the OBJ file uses no name.
     pub(super) materials: Vec<Material>,
-    /// For each material the placement of its pictures, one for each of the attributes `uv`, `uv1`, ..
+    /// For each material, the placements of its pictures: one for each of the attributes `uv`, `uv1`, ..
     pub(super) layouts: Vec<Vec<Layout>>,
     /// Warnings about materials and pictures that are missing or not read completely.
     pub(super) warnings: Vec<String>,

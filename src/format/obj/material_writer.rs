@@ -150,7 +150,7 @@ fn extension(map: &Map) -> &'static str {
     Kind::detect(&map.bytes).unwrap_or(Kind::Png).extension()
 }
 
-/// Converts `name` to a single word that is not among `others`.
+/// Converts `name` to a single word that is not among `others`. It is based on `instead` if nothing of `name` can be used.
 fn unique(name: &str, instead: &str, others: &[String]) -> String {
     let name = name.trim().replace(
         |letter: char| {
@@ -181,7 +181,7 @@ fn with_options(map: &Map, file: &str) -> String {
     words + file
 }
 
-/// Returns true if the vertex colors are visible on some face: the face has no picture, and its material has another color.
+/// Returns true if some face shows vertex colors: its material has no picture, and the vertex colors differ from the color of the material.
 pub(super) fn shows_colors(mesh: &Mesh) -> bool {
     let materials = mesh.materials();
     materials.is_empty()

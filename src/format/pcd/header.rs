@@ -96,7 +96,7 @@ pub(super) enum Encoding {
     Compressed,
 }
 
-/// The parsed header. It is checked that neither width x height nor the size of the points in bytes overflows.
+/// The parsed header. The parser has checked that neither width x height nor the size of the points in bytes overflows.
 #[derive(Debug)]
 pub(super) struct Header {
     pub(super) width: usize,

@@ -166,7 +166,8 @@ fn corner_list(element: &Element, notes: &mut Vec<String>) -> Option<usize> {
     found.map(|(index, _)| index)
 }
 
-/// Converts a number to a vertex index. It must be the last number that was read, because an error reports its position.
+/// Converts a number to a vertex index. The number must be the last one that was read from `body`, because an error reports the position of
+/// that number.
 pub(super) fn corner(index: f64, body: &Body<'_>) -> Result<u32, Error> {
     if !(0.0..f64::from(u32::MAX)).contains(&index) || index.fract() != 0.0 {
         bail!("{}: there is no vertex {index}", body.position());

@@ -55,7 +55,7 @@ pub(super) enum Group {
 /// A transformed object, as part of another object or on the build plate.
 pub(super) struct Component {
     pub(super) object: u32,
-    /// The part of the archive that contains the object, if it is another part.
+    /// The part of the archive that contains the object; `None` if the component and the object are in the same part.
     pub(super) part: Option<String>,
     pub(super) motion: Matrix4<f64>,
 }
@@ -327,7 +327,7 @@ impl Part<'_> {
 
     fn component(&self, node: Node<'_, '_>) -> Result<Component, Error> {
         let object = self.attribute(node, "objectid")?;
-        // `path` is an attribute of the production extension, whose prefix may be any.
+        // `path` is an attribute of the production extension. The prefix of this extension differs between files, so it is ignored.
         let part = node.attributes().find(|it| it.name() == "path").map(|it| it.value().to_owned());
         let Some(text) = node.attribute("transform") else {
             return Ok(Component { object, part, motion: Matrix4::identity() });

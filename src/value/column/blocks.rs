@@ -31,17 +31,17 @@ fn count(bytes: usize) -> usize {
     (HEADER + bytes).div_ceil(BLOCK)
 }
 
-/// The indices of the blocks that contain the given bytes of items. The range must not be empty.
+/// The indices of the blocks that contain a range of the items' bytes. The range must not be empty.
 fn blocks_of_bytes(bytes: Range<usize>) -> RangeInclusive<usize> {
     (HEADER + bytes.start) / BLOCK..=(HEADER + bytes.end - 1) / BLOCK
 }
 
-/// The range of bytes of items in a full block.
+/// The range of the items' bytes that the block `index` contains, if the block is full.
 fn bytes_of_block(index: usize) -> Range<usize> {
     (index * BLOCK).saturating_sub(HEADER)..(index + 1) * BLOCK - HEADER
 }
 
-/// The hash of the items and their number, if the items fill only one block.
+/// The hash of a column: of the number of its items and their bytes. `None` if the items fill more than one block.
 pub(super) fn of_one_block(items: usize, bytes: &[u8]) -> Option<Hash> {
     let is_one = count(bytes.len()) == 1;
     is_one.then(|| Hash(*start(items).update(bytes).finalize().as_bytes()))
@@ -54,7 +54,8 @@ fn start(items: usize) -> Hasher {
 }
 
 impl Blocks {
-    /// The hashes of the blocks of `items` items whose content is `bytes`. The items must fill more than [one block](of_one_block).
+    /// The hashes of the blocks of a column with `items` items whose bytes are `bytes`. The items must fill more than [one
+    /// block](of_one_block).
     pub(super) fn new(items: usize, bytes: &[u8]) -> Self {
         let block = |index: usize| block(items, bytes, index);
         let blocks = 0..count(bytes.len());
@@ -140,7 +141,7 @@ fn merge(blocks: &[ChainingValue]) -> ChainingValue {
 mod tests {
     use super::*;
 
-    /// Tests lengths around those at which the shape of the hash tree changes.
+    /// Lengths in bytes, near those at which the shape of the hash tree changes.
     fn lengths() -> impl Iterator<Item = usize> {
         fn lengths_near(length: usize) -> [usize; 5] {
             [length - 9, length - 8, length - 7, length, length + 1]

@@ -1,11 +1,11 @@
-//! Reuse of the buffers of dropped columns for columns that are made from each other, as during a drag.
+//! Reuse of the buffers of dropped columns. While a user drags a handle, for example, each move makes a new column from an earlier one.
 //!
-//! Writing to newly allocated memory costs more than the copying itself. In the buffer of a column that was current a few moves ago, only
-//! the items that have changed since then must be copied.
+//! Writing to newly allocated memory costs more than the copying itself. A reused buffer already has the items of a column from a few moves
+//! ago, so only the items that have changed since then must be copied.
 //!
-//! A column is one contiguous list, so that every kernel can read it as a slice. A list in chunks would copy less, but is not needed: as
-//! soon as the memory for results is full, each move of a drag finds a spare buffer. Only the first moves copy all items to new memory
-//! pages. The system must clear these pages first, which on a virtual machine takes longer than all other work.
+//! A column is one contiguous list, so that every kernel can read it as a slice. A list in chunks would copy less, but is not needed: once
+//! the memory for results is full, old columns are dropped, and each move of a drag finds a spare buffer. Only the first moves copy all
+//! items to new memory pages. The system must clear these pages first, which on a virtual machine takes longer than all other work.
 
 use std::sync::{Mutex, PoisonError};
 

@@ -96,7 +96,8 @@ mod tests {
         assert_eq!(column.changed_rows(&column.clone()), Some(vec![]));
     }
 
-    /// Tests lengths around those of blocks and tasks. Items of 24 bytes extend across the ends of blocks.
+    /// Tests columns whose lengths are near the ends of hash blocks and of parallel tasks. Items of 24 bytes extend across the ends of
+    /// blocks.
     #[test]
     fn changed_rows_are_found_at_all_positions() {
         for len in [1_u32, 682, 683, 1365, 1366, 4096, 4097, 20_000] {

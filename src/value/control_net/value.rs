@@ -9,7 +9,7 @@ use crate::{
     Axes, CaptureFrame, ElementKind, Layer, Lines, Meaning, Part, Parts, PartsError, Summary, Value,
 };
 
-/// The part that holds the size of the chart's grid. Tests ignore this part, because the fact `chart` contains the size too.
+/// The name of the part that holds the size of the chart's grid. Tests ignore this part, because the fact `chart` contains the size too.
 const GRID: &str = "chart grid";
 
 impl Value for ControlNet {

@@ -119,7 +119,7 @@ impl Curve {
         }
         let round = end - start;
         let fraction = (t - start) / round;
-        // For a NaN or infinite parameter the number of periods is undefined, so it is clamped instead.
+        // For a NaN or infinite parameter the number of periods is undefined, so the clamped parameter is used.
         if fraction.is_finite() { start + (fraction - fraction.floor()) * round } else { inside }
     }
 

@@ -9,8 +9,8 @@ use crate::mesh::diagonal;
 /// 1/1000 the distance is invisible in a picture of 1000 pixels.
 const CHORD: f64 = 1e-3;
 
-/// The maximum number of segments per span that [`Curve::choose_pieces`] chooses. A curve that needs more would not be approximated by any
-/// reasonable number.
+/// The maximum number of segments per span that [`Curve::choose_pieces`] chooses. A curve that needs more segments cannot be approximated
+/// by any reasonable number of them.
 const MAX_PIECES: usize = 256;
 
 /// The segment of a polyline that contains a parameter.
@@ -84,8 +84,8 @@ impl Curve {
         points
     }
 
-    /// The number of segments per span that keeps the chords within the tolerance. It is doubled until the middle of each segment is near
-    /// enough to its chord.
+    /// The number of segments per span that keeps the chords within the tolerance. The number is doubled until the middle of each segment
+    /// is near enough to its chord.
     fn choose_pieces(&self, spline: &Spline) -> usize {
         let allowed = CHORD * diagonal(&self.points);
         let mut pieces = 1;

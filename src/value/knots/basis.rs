@@ -50,8 +50,8 @@ impl KnotVector {
     }
 
     /// The parameter of a net coordinate `a`, which is a real number from 0 to the index of the last control point. The parameter is the
-    /// root `u` of `sum_i i N_i(u) = a`. It reproduces an evenly spaced row of control points evenly spaced, including the ends. The
-    /// abscissae of [`greville`](Self::greville) do not achieve this near a clamped end.
+    /// root `u` of `sum_i i N_i(u) = a`. If control points are evenly spaced on a line, evenly spaced net coordinates give evenly spaced
+    /// points of the curve, including the ends. The abscissae of [`greville`](Self::greville) do not achieve this near a clamped end.
     ///
     /// If the coordinate is outside of the range of the sum, the result is the nearest end of the domain; for NaN it is the start. The sum
     /// never decreases. Newton's method starts at the Greville abscissa, and a step that leaves the bracket is replaced by bisection, so

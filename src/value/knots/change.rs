@@ -68,7 +68,7 @@ impl KnotVector {
     /// # Errors
     /// If `u` is not inside the domain, or its multiplicity would exceed the degree.
     pub fn insert(&self, u: f64, times: usize) -> Result<KnotChange, KnotVectorError> {
-        // One more repetition than the order is an error anyway.
+        // `MAX_ORDER` repetitions exceed every degree, so a longer list would only give the same error.
         self.refine(&vec![u; times.min(MAX_ORDER)])
     }
 

@@ -80,7 +80,7 @@ pub(super) fn cut(
     });
     let begun: HashMap<LabelRun, (&Arc<Component>, &AnyValue)> = begun.collect();
     let background = OnceLock::new();
-    // Hashing takes nearly all of the time.
+    // The loop is parallel, because hashing takes nearly all of the time.
     Ok(runs
         .into_par_iter()
         .map(|runs: Vec<LabelRun>| {

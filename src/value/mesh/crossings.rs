@@ -60,8 +60,8 @@ impl Mesh {
     }
 }
 
-/// Returns true if an edge of one triangle pierces the other triangle. An edge from a shared corner begins on the other triangle, so it
-/// does not count.
+/// Returns true if an edge of one triangle pierces the other triangle. An edge that begins at a corner of both triangles only touches the
+/// other triangle, so it does not count.
 ///
 /// If two triangles cross, each has corners on both sides of the other's plane. The three signs of these sides decide most pairs. For a
 /// triangle without area, which has no plane, all signs are 0.
@@ -83,8 +83,8 @@ fn straddles(sides: [f64; 3]) -> bool {
     sides.iter().any(|side| *side < 0.0) && sides.iter().any(|side| 0.0 < *side)
 }
 
-/// Returns true if an edge of a triangle pierces another triangle. `sides` are the sides of the other triangle's plane on which the corners
-/// are.
+/// Returns true if an edge of the triangle `corners` pierces the triangle `[u, v, w]`. For each of the corners, `sides` has the side of the
+/// plane of `[u, v, w]` on which the corner is, as a sign.
 fn pierces(mesh: &Mesh, (corners, sides): ([u32; 3], [f64; 3]), [u, v, w]: [u32; 3]) -> bool {
     let edges = [[0, 1], [1, 2], [2, 0]].into_iter();
     let mut through = edges
@@ -155,7 +155,7 @@ mod tests {
         assert_eq!(crossings(positions, &[[0, 1, 2], [0, 3, 4]]), [[0, 1]]);
     }
 
-    /// Finds the crossings by their definition, edge by edge.
+    /// Reference implementation: returns true if an edge of one triangle pierces the other, without the shortcuts of [`cross`].
     fn meets(mesh: &Mesh, a: [u32; 3], b: [u32; 3]) -> bool {
         fn pierces(a: [u32; 3], b: [u32; 3], mesh: &Mesh) -> bool {
             [[0, 1], [1, 2], [2, 0]].into_iter().any(|ends| {

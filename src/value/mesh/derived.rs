@@ -40,7 +40,7 @@ struct PositionCaches {
     boxes: OnceLock<Vec<Bounds>>,
 }
 
-/// The normals of an earlier mesh with the same faces, and the rows of vertices that have moved since.
+/// The normals of an earlier mesh with the same faces, and the rows of vertices whose positions differ between that mesh and this one.
 struct EarlierNormals {
     normals: WeakColumn<[f32; 3]>,
     moved: Vec<Range<u32>>,
@@ -71,7 +71,7 @@ impl DerivedData {
             for block in touched.filter(|block| last.replace(*block) != Some(*block)) {
                 boxes[block] = box_of(positions, block);
             }
-            // No other thread has access to the new cell yet.
+            // `set` cannot fail: no other thread has access to the new cell yet.
             let _ = of_positions.boxes.set(boxes);
         }
         Self { of_positions: of_positions.into(), colors: self.colors.clone() }
@@ -83,7 +83,8 @@ impl DerivedData {
 }
 
 impl PositionCaches {
-    /// The normals from which those of this mesh can be updated after the given rows have moved. `None` if there are none.
+    /// The cached normals that can be updated after the vertices in `rows` have moved. `None` if no normals are cached, or updating them
+    /// would cost more than computing all normals again.
     fn earlier_normals(&self, rows: &[Range<u32>]) -> Option<EarlierNormals> {
         let current = lock(&self.normals).as_ref().and_then(WeakColumn::upgrade);
         let (normals, moved) = match (current, &self.earlier) {
@@ -271,7 +272,7 @@ mod tests {
         let mesh = mesh.with_vertex("uv", uv).unwrap();
         let one = mesh.clone().with_materials([red.clone()]);
         assert_eq!(one.texture_colors().unwrap()[..], [[255, 0, 0]; 4]);
-        // The corners of the faces are 0 1 2 and 1 3 2.
+        // The vertices of the two faces are 0 1 2 and 1 3 2.
         let numbers = Attribute::Index(vec![0, 1].into());
         let two = mesh.with_face(MATERIAL_ATTRIBUTE, numbers).unwrap().with_materials([red, green]);
         let colors = two.texture_colors().unwrap();

@@ -144,8 +144,8 @@ impl Mesh {
     }
 }
 
-/// The borders of the holes as closed curves, with the faces on the left side, in the order in which the faces reach them. Where two
-/// borders share a vertex, each is a separate curve.
+/// The borders of the mesh's holes as closed curves. The faces are on the left side of each curve. The curves are in the order of their
+/// first edges, face by face. Where two borders share a vertex, each is a separate curve.
 fn holes(mesh: &Mesh, max_count: usize) -> Result<Vec<AnyValue>, NoElements> {
     let rims = rims(mesh);
     if max_count < rims.len() {
@@ -161,7 +161,7 @@ fn holes(mesh: &Mesh, max_count: usize) -> Result<Vec<AnyValue>, NoElements> {
         .collect()
 }
 
-/// The closed loops of edges with one face, as lists of vertices.
+/// The closed loops of edges that belong to only one face, as lists of vertices.
 fn rims(mesh: &Mesh) -> Vec<Vec<u32>> {
     let all: Vec<_> = mesh
         .faces

@@ -97,8 +97,8 @@ impl Faces {
         })
     }
 
-    /// Checks that all corners refer to one of `vertices` vertices, and that no face contains a vertex twice. However many meshes share the
-    /// faces, they are read only once.
+    /// Checks that all corners refer to one of `vertices` vertices, and that no face contains a vertex twice. The result is cached and
+    /// shared by copies of the faces, so the faces are read only once.
     pub(super) fn check(&self, vertices: usize) -> Result<(), MeshError> {
         match self.min_vertices() {
             Some(needed) if needed as usize <= vertices => Ok(()),

@@ -231,8 +231,8 @@ impl Group {
         }
     }
 
-    /// The minimum squared distance from a point of the group to a box. Points that are farther from the box than from their nearest point
-    /// so far are ignored; infinite if all points are ignored.
+    /// The minimum squared distance from a point of the group to a box. A point that is farther from the box than from its nearest point so
+    /// far is ignored. The result is infinite if all points are ignored.
     #[inline(always)]
     fn to_box(&self, bounds: &Bounds) -> f64 {
         let Lanes(mut distances) = self.to_box_each(bounds);

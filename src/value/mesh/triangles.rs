@@ -64,7 +64,7 @@ mod tests {
     use super::*;
     use crate::Faces;
 
-    /// A dart whose first corner is not the concave one, with a triangle beside the dart.
+    /// A dart (a quad with one concave corner) whose first corner is not the concave one, and a triangle beside the dart.
     fn dart() -> Mesh {
         let positions = [[1., 0., 0.], [0.1, 0.1, 0.], [0., 1., 0.], [0., 0., 0.], [2., 2., 0.]];
         let faces = Faces::polygons(&[3, 4], vec![0, 4, 2, 0, 1, 2, 3]).unwrap();

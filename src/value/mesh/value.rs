@@ -18,12 +18,12 @@ use crate::{
 const OF_CORNER: &str = "corner ";
 const OF_FACE: &str = "face ";
 
-/// The part that holds the texture. Tests ignore this part, because a fact has the texture's size and hash.
+/// The name of the part that holds the texture. Tests ignore this part, because a fact has the texture's size and hash.
 const TEXTURE: &str = "texture";
 const TEXTURE_SIZE: &str = "texture size";
 const TEXTURE_CAMERA: &str = "texture camera";
 
-/// The part that holds the encoded materials. It exists if the materials are more than one plain picture.
+/// The name of the part that holds the encoded materials. The part exists if the materials are more than one plain picture.
 const MATERIALS: &str = "materials";
 
 impl Value for Mesh {
@@ -130,8 +130,8 @@ impl Value for Mesh {
     }
 
     /// Builds a mesh from parts. If all faces have equally many corners, the column `corners` has that many numbers per face. If not, the
-    /// column `sides` has the number of corners of each face, and `corners` has one number per corner. All other columns of vertices, corners
-    /// and faces are attributes.
+    /// column `sides` has the number of corners of each face, and `corners` has one number per corner. All other columns of vertices,
+    /// corners and faces are attributes.
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         let position = parts
             .find(ElementKind::Vertex, "position")
@@ -218,7 +218,7 @@ impl Value for Mesh {
     }
 }
 
-/// Returns the names of the materials, if they are more than one plain picture.
+/// Returns the names of the materials. `None` if there is no material, or only a single plain picture.
 fn names(materials: &[Material]) -> Option<String> {
     let is_more = materials.len() > 1 || materials.iter().any(|it| !it.is_plain());
     is_more.then(|| {
@@ -228,7 +228,7 @@ fn names(materials: &[Material]) -> Option<String> {
     })
 }
 
-/// The error for a texture that differs from the picture of the first material that has one.
+/// Error of building a mesh from parts: the texture differs from the picture of the first material that has a picture.
 #[derive(Debug, thiserror::Error)]
 #[error("the part `{TEXTURE}` is not the picture in the part `{MATERIALS}`: remove one of them")]
 struct OtherTexture;

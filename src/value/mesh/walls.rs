@@ -1,26 +1,26 @@
-//! Detection of walls: what is behind each face of a mesh.
+//! Detection of walls (thin sheets of material): finds what is behind each face of a mesh.
 
 use nalgebra::{Point3, Vector3};
 
 use super::{Mesh, TriangleTree};
 use crate::parallel::*;
 
-/// The minimum cosine of the angle between the outward normal of one face and the reversed normal of the other, for two faces to be the
-/// sides of a wall: 45 degrees. At a larger angle the two faces meet at an edge, which is always thin at its end. So the rim between a body
-/// and its flat base is not a wall, but a fin is.
+/// The cosine of 45 degrees. Two faces are the two sides of a wall if the angle between the outward normal of one and the reversed normal
+/// of the other is smaller. At a larger angle the two faces meet at an edge, and every body is thin near an edge. So a fin is a wall, but
+/// the edge between a body and its flat base is not.
 const OPPOSITE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
-/// The maximum area of a sliver, as a fraction of the area around it. A sliver is ignored if its normal deviates from the normal of its
-/// surroundings. Slivers remain where surfaces meet, and their normals depend only on rounding.
+/// The maximum area of a sliver, as a fraction of the area around it. A sliver is a tiny face that was left where two surfaces meet; its
+/// normal depends only on rounding. It is ignored if its normal deviates from the normal of its surroundings.
 const SLIVER: f64 = 0.01;
 
 /// The thing that is behind a face, found by a ray from the middle of the face against its normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Backing {
-    /// Material: behind the face is the inside of another face, too far away to be the other side of a wall. Also used if the backing is
-    /// unknown, because the face has no area or is a sliver whose normal deviates from that of its surroundings.
+    /// Material: the ray hits the inside of another face, but the two faces are not parallel enough to be the sides of a wall. Also used if
+    /// the backing is unknown, because the face has no area or is a sliver whose normal deviates from that of its surroundings.
     Solid,
-    /// Nothing, or the outside of another face. So this face looks inward.
+    /// No material: the ray hits nothing, or hits another face from outside. So the normal of this face points inward.
     Outside,
     /// The other side of a wall, at this distance in mm.
     Wall(f64),
@@ -30,8 +30,8 @@ impl Mesh {
     /// Determines what is behind each face; `tree` must be the tree of this mesh.
     pub fn backings(&self, tree: &TriangleTree) -> Vec<Backing> {
         let Some((low, high)) = self.bounds() else { return Vec::new() };
-        // A ray that begins exactly on a face would hit that face, so the ray begins at this distance. In a printable mesh no other face is
-        // as close.
+        // A ray that begins exactly on a face would hit that face, so the ray begins at this distance behind the face. In a printable mesh
+        // no other face is that close.
         let start = 1e-9 * (high - low).norm();
         let mut around = vec![Vector3::zeros(); self.positions().len()];
         for face in self.faces().iter() {

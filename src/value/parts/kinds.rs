@@ -75,7 +75,7 @@ pub enum Meaning {
     Number,
     /// Color channels, 0 to 255, 8-bit sRGB: compared by the largest difference of a channel.
     Level,
-    /// Indices of other elements, from 0, or numbers of components. Two indices are either equal or different.
+    /// Indices of other elements, from 0, or the labels of components. Two indices are either equal or different.
     Index,
     /// Other whole numbers, including flags (0 and 1). Two of them are either equal or different.
     Exact,

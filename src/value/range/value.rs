@@ -82,8 +82,8 @@ impl Value for RangeImage {
         parts
     }
 
-    /// Builds a range image from parts. Only the part `point` is required. Without the part `registration` the grid is registered to a picture
-    /// of the grid's size, so that each cell is on one pixel.
+    /// Builds a range image from parts. Only the part `point` is required. Without the part `registration` the grid is registered to a
+    /// picture of the grid's size, so that each cell is on one pixel.
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         let [width, height] = parts.size()?;
         let points = parts.require("point", 3)?.to_points()?;
@@ -121,7 +121,8 @@ impl Value for RangeImage {
         let cells = (0..height).flat_map(|row| (0..width).map(move |column| [column, row]));
         let pixels = cells.map(|[column, row]| -> Rgb {
             let Some(point) = self.point(row * width + column) else { return BACKGROUND };
-            // The vector from the previous cell to the next cell. An invalid or missing neighbor is replaced by the cell between them.
+            // The vector from the previous cell to the next cell. If one of these two is invalid or missing, the cell between them takes
+            // its place.
             let across = |step: usize, at: usize, count: usize| {
                 let cell = row * width + column;
                 let before = (at > 0).then(|| self.point(cell - step)).flatten().unwrap_or(point);

@@ -47,7 +47,7 @@ impl Surface {
 /// A quadtree of cells in the domain of a surface. The positions of cells are in units of the smallest cell.
 struct Tree<'a> {
     surface: &'a Surface,
-    /// The parameters at the ends of the spans.
+    /// The parameters at the ends of the spans along u. `vs` has those along v.
     us: Vec<f64>,
     vs: Vec<f64>,
     /// The cells: first the spans, row by row, then the quarters of divided cells, four at a time.
@@ -114,7 +114,7 @@ impl<'a> Tree<'a> {
                 if self.cells[near].quarters == 0 && self.cells[near].side > 2 * cell.side {
                     let first = self.divide(near)?;
                     open.extend(first..first + 4);
-                    // The quarters of the neighbor may still be too large.
+                    // The cell is checked again later, because the quarters of the neighbor may still be too large.
                     open.push(index);
                 }
             }
@@ -149,8 +149,8 @@ impl<'a> Tree<'a> {
         index
     }
 
-    /// The undivided cells at the start of each of a cell's four sides, outside of the cell. The sides are counter-clockwise, in the order
-    /// of [`ring`](Self::ring).
+    /// For each of a cell's four sides, the undivided cell outside of it that touches the start of the side; `None` outside of the domain.
+    /// The sides are counter-clockwise, in the order of [`ring`](Self::ring).
     fn neighbors(&self, cell: &Cell) -> [Option<usize>; 4] {
         let Cell { x, y, side, .. } = *cell;
         let (right, bottom) = (x + side, y + side);
@@ -323,7 +323,7 @@ mod tests {
         let coarse = hill.tessellate_within(0.1).unwrap();
         let fine = hill.tessellate_within(0.001).unwrap();
         assert!(fine.faces().len() > 10 * coarse.faces().len());
-        // The corner far from the hill is flat, and has one quad per span.
+        // The corner of the mesh far from the hill is flat, and has one quad per span.
         let uv = fine.vertex().pairs("uv").unwrap();
         assert_eq!(uv.iter().filter(|uv| uv[0] > 0.888 && uv[1] > 0.888).count(), 4);
         let even = hill.tessellate(0, 0).unwrap();

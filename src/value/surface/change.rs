@@ -69,8 +69,8 @@ impl Surface {
             .with_knots(ParameterDirection::V, &self.v.bezier())
     }
 
-    /// The curve on the surface on which the parameter of a direction is `at`, so the curve runs along the other direction. `at` is clamped
-    /// to the domain.
+    /// The curve on the surface where the parameter in the direction `along` is constantly `at`. The curve runs in the other direction.
+    /// `at` is clamped to the domain.
     pub fn iso_curve(&self, along: ParameterDirection, at: f64) -> IsoCurve {
         let (across, other) = match along {
             ParameterDirection::U => (&self.u, &self.v),
@@ -228,7 +228,7 @@ mod tests {
                 assert!((old.point - new.point).norm() <= 1e-12, "({u}, {v})");
             }
         }
-        // Between knots the derivatives are equal, too.
+        // Between knots, the derivatives of the two surfaces are equal, too.
         for (u, v) in [(0.313, 0.771), (1.613, 2.237)] {
             let [old, new] = [before, after].map(|surface| surface.derivatives(u, v));
             for [old, new] in [[old.u, new.u], [old.v, new.v], [old.uv, new.uv]] {

@@ -152,7 +152,7 @@ impl Surface {
         }
     }
 
-    /// The first stage, which contracts all rows of the net along v with the given basis functions.
+    /// The first stage of [`grid`](Self::grid): contracts all rows of the net along v with the given basis functions.
     fn lines(&self, along_v: &[Basis]) -> Lines {
         let (columns, q) = (self.net.columns(), self.v.degree());
         let len = along_v.len();
@@ -183,7 +183,7 @@ fn is_positive(weight: f64) -> bool {
     weight > 0.0
 }
 
-/// Some rows of the grid of points. `bases` and `us` begin with the entries of these rows.
+/// Some rows of the grid of points. The lists `bases` and `us` begin with the entries of these rows; further entries are ignored.
 struct PointStrip<'a> {
     surface: &'a Surface,
     lines: &'a Lines,
@@ -208,8 +208,8 @@ impl Kernel for PointStrip<'_> {
     }
 }
 
-/// Some rows of the grid of points and normals. Each of `lines` and `bases` is a pair for values and for derivatives; each of `noise` and
-/// `at` is a pair for u and for v. Data along u begins with the entries of these rows.
+/// Some rows of the grid of points and normals. `lines` and `bases` have the data for values, then those for derivatives; `noise` and `at`
+/// have the data for u, then those for v. Lists along u begin with the entries of these rows; further entries are ignored.
 struct NormalStrip<'a> {
     surface: &'a Surface,
     lines: [&'a Lines; 2],
@@ -249,12 +249,12 @@ impl Kernel for NormalStrip<'_> {
 struct Lines {
     sums: Vec<f64>,
     len: usize,
-    /// The degree along u, which the second stage uses.
+    /// The degree of the surface along u, which the second stage of [`Surface::grid`] uses.
     degree: usize,
 }
 
 impl Lines {
-    /// The second stage, which contracts the lines along u, at `count` parameters v beginning with the index `from`.
+    /// The second stage of [`Surface::grid`]: contracts the lines along u, at `count` parameters v beginning with the index `from`.
     #[inline(always)]
     fn sum(&self, basis: &Basis, from: usize, count: usize, sums: &mut Sums) {
         match self.degree {
@@ -270,7 +270,8 @@ impl Lines {
         }
     }
 
-    /// The second stage for `N` lines, where `N` is the degree + 1. Since `N` is a constant, all lines are added in one pass.
+    /// The second stage of [`Surface::grid`] for `N` lines, where `N` is the degree + 1. Since `N` is a constant, all lines are added in
+    /// one pass.
     #[inline(always)]
     fn sum_of<const N: usize>(&self, basis: &Basis, from: usize, count: usize, sums: &mut Sums) {
         for (coordinate, sums) in sums.iter_mut().enumerate() {

@@ -10,8 +10,8 @@ use crate::mesh::diagonal;
 /// distance is invisible in a picture of 1000 pixels.
 const CHORD: f64 = 1e-3;
 
-/// The maximum number of quads that is chosen in one direction, unless there are more spans. A surface that needs more, such as that of a
-/// net of random points, would not be approximated by any reasonable number.
+/// The maximum number of quads that is chosen in one direction, unless there are more spans. A surface that needs more quads, such as that
+/// of a net of random points, cannot be approximated by any reasonable number of them.
 const MAX_QUADS: usize = 4096;
 
 impl Surface {
@@ -106,7 +106,7 @@ pub(super) fn to_unit(knots: &KnotVector, at: &[f64]) -> Vec<f64> {
     at.iter().map(|u| (u - start) / (end - start)).collect()
 }
 
-/// The quads of a grid of vertices. If rows grow down and columns grow to the *left*, each quad is counter-clockwise: seen from the side of
+/// The quads of a grid of vertices. If rows grow down and columns grow to the right, each quad is counter-clockwise, seen from the side of
 /// "down" x "right".
 fn quads(rows: usize, columns: usize) -> Result<Faces, MeshError> {
     let mut corners = Vec::with_capacity(4 * (rows - 1) * (columns - 1));

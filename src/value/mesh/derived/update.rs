@@ -80,7 +80,7 @@ impl VertexSet {
         (self.before[word] + below.count_ones()) as usize
     }
 
-    /// For each bin, true if the bin contains a vertex of the set.
+    /// For each bin of consecutive vertices, true if the bin contains a vertex of the set.
     fn bins(&self) -> Vec<bool> {
         self.words.chunks(BIN / WORD).map(|words| words.iter().any(|&word| word != 0)).collect()
     }

@@ -121,7 +121,7 @@ impl Ray {
         (enters <= leaves).then_some(enters)
     }
 
-    /// The hit on a triangle. The names of variables are those of the paper.
+    /// The hit on a triangle. The names of variables are those of Woop, Benthin and Wald (2013).
     fn hit(&self, triangle: &Triangle) -> Option<RayHit> {
         let [a, b, c] = triangle.positions.map(|corner| {
             let [x, y, z] = self.axes.map(|axis| corner[axis] - self.origin[axis]);
