@@ -36,12 +36,13 @@ use new_graph::NewGraph;
 pub struct Extraction {
     /// The names of the nodes to be moved, in any order.
     pub nodes: Vec<String>,
-    /// The path of the new file, such as `lib/nose.ron`, relative to the same folder as the path of the graph. By default the file is in
-    /// the folder of the graph and has the name of the using node. If that name is taken, a number is appended.
+    /// The path of the new file, such as `lib/nose.ron`, relative to the folder to which the path of the graph is relative. If `None`, the
+    /// file is in the folder of the graph and has the name of the node that uses the new graph. If a file of this name exists, a number is
+    /// appended.
     pub to: Option<PathBuf>,
-    /// The node type of the new graph, such as `Nose`. By default it is derived from the name of the file.
+    /// The node type of the new graph, such as `Nose`. If `None`, it is derived from the name of the file.
     pub kind: Option<String>,
-    /// The name of the node that uses the new graph, such as `nose`. By default it is the name of the file.
+    /// The name of the node that uses the new graph, such as `nose`. If `None`, it is the name of the file without its extension.
     pub name: Option<String>,
 }
 
@@ -190,7 +191,7 @@ struct Extractor<'a> {
 }
 
 impl Extractor<'_> {
-    /// Returns the new text of the old graph, and the text of the new graph before formatting.
+    /// Returns the text of the original graph after the extraction, and the text of the new graph before formatting.
     fn write(&self) -> Result<(String, String), EditError> {
         let Self { known, set, border, new, .. } = self;
         let text = &known.text;
@@ -243,7 +244,8 @@ impl Extractor<'_> {
         self.known.owner(span).is_some_and(|at| self.set.contains(&at))
     }
 
-    /// Returns the edits within the moved nodes: links to other nodes become links to inputs, and paths are adapted to the new folder.
+    /// Returns the edits within the moved nodes: links to other nodes become links to inputs of the new graph, and paths are adapted to the
+    /// folder of the new file.
     fn inner_splices(&self) -> Vec<Splice> {
         let Self { known, border, .. } = self;
         let mut splices = self.path_splices(known.files());
@@ -336,7 +338,8 @@ impl Extractor<'_> {
         format!("{}: {declared}", quote(&input.name))
     }
 
-    /// Returns the declarations of parameters, as the old graph contains them, for the new graph.
+    /// Returns the declarations of the parameters at the given indices, for the new graph. They are copied from the original graph, with
+    /// paths adapted to the new folder.
     fn parameter_declarations(&self, parameters: &BTreeSet<usize>) -> Vec<String> {
         let known = self.known;
         let paths = self.path_splices(known.files());

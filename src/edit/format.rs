@@ -117,7 +117,7 @@ struct Group<'t> {
     open: &'t str,
     close: &'t str,
     entries: Vec<Entry<'t>>,
-    /// The comments directly before the closing bracket.
+    /// The comments between the last entry and the closing bracket.
     last: Vec<Note<'t>>,
     /// The width of the group in columns if it is written on one line. `None` if it must be broken into lines.
     inline_width: Option<usize>,

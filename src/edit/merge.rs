@@ -50,7 +50,7 @@ pub struct Merge {
     pub by_lines: bool,
 }
 
-/// An entry of a section that one side has renamed.
+/// An entry that one side has renamed, in a section such as `nodes`.
 #[derive(PartialEq)]
 struct Renaming {
     section: &'static str,
@@ -99,7 +99,7 @@ pub fn merge(path: &Path, [base, ours, theirs]: [&Source; 3], catalog: &Catalog)
     merged
 }
 
-/// The three texts, after each renamed part has been given the same name in all of them.
+/// The three texts of a merge (base, ours, theirs), after each renamed part has been given the same name in all of them.
 struct UnifiedNames {
     texts: [String; 3],
     renamed_twice: Vec<RenamedTwice>,

@@ -149,7 +149,7 @@ impl References {
 /// Collects the references in a graph file.
 struct Search<'t> {
     found: BTreeMap<Span, Reference>,
-    /// The names of nodes and inputs.
+    /// The names of the nodes and inputs of the graph.
     names: HashSet<&'t str>,
     /// For each link, the port at which it is, by the position of the link.
     links: HashMap<Span, String>,

@@ -14,7 +14,7 @@ pub(super) struct Border {
     pub(super) outputs: Vec<Crossing>,
 }
 
-/// A value that a node computes, and to which a link on the other side of the border leads.
+/// A value that crosses the border: a node on one side computes it, and a link on the other side leads to it.
 pub(super) struct Crossing {
     /// The index of the node that computes the value, and the index of the node's output.
     pub(super) target: (usize, usize),

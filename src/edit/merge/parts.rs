@@ -19,7 +19,7 @@ pub(super) struct Value<'t> {
     pub(super) interpretation: &'t Interpretation,
 }
 
-/// Data about the values of a text that cannot be seen in their tokens alone.
+/// Data about the values in a text that the tokens of the text do not show.
 pub(super) struct Interpretation {
     /// The byte offsets of the fields whose values equal their defaults.
     pub(super) defaults: BTreeSet<usize>,
