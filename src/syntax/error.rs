@@ -13,7 +13,7 @@ use serde_json::json;
 #[derive(Clone)]
 pub struct Error {
     cause: Arc<dyn std::error::Error + Send + Sync>,
-    /// The name of the file that caused the error.
+    /// The name of the file that caused the error. `None` if the error is not about a file.
     file: Option<Arc<str>>,
 }
 

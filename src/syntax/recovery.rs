@@ -69,7 +69,7 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
     let is_hidden = !is_unterminated && (!quotes.is_empty() || !brackets.is_empty());
     let hidden = if is_hidden { parse(&repair.text).1 } else { Vec::new() };
     let Separators { edits, doubtful, strange } = Separators::analyze(&repair.text);
-    // Of the errors in the repaired text, keep those at positions that `edits` fix. The others are consequences of them.
+    // Of the errors in the repaired text, keep those at positions that `edits` fix. All other errors there are consequences of these.
     fn first_affected(edit: &Edit, repair_text: &str) -> usize {
         let rest = &repair_text[edit.0.start..];
         repair_text.len() - rest.trim_start().len()
@@ -91,7 +91,7 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
     let narrow: Vec<_> = doubtful.iter().map(|span| repair.source_span(*span)).collect();
     repair.apply(&edits);
     let (mut tree, left) = parse(&repair.text);
-    // Unexpected tokens are left over if a bracket was inserted at a wrong position. The recovery has then failed.
+    // Unexpected tokens are left over if a repair has inserted a bracket at a wrong position. The recovery has then failed.
     if tree.is_broken() || MAX_ERRORS < left.len() {
         return None;
     }
