@@ -30,7 +30,8 @@ pub const EXTENSION: &str = ".test.ron";
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Test {
-    /// Graph, relative to this file. A `*` in its name stands for any characters; then all matching graphs are tested.
+    /// Path of the graph to test, relative to this file. A `*` in the file name stands for any characters; then all matching graphs are
+    /// tested.
     graph: String,
     /// Cases by name; `{"default": ()}` if omitted.
     #[serde(default)]
@@ -62,10 +63,10 @@ pub(crate) struct Case {
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Budget {
-    /// Time of all nodes together. Nodes whose results come from the cache take no time.
+    /// Maximum time of all nodes together. Nodes whose results come from the cache take no time.
     #[schemars(range(min = 0.0), extend("unit" = "s"))]
     pub(crate) seconds: Option<f64>,
-    /// Memory of all results together, cached or not. Memory that a node needs only while it runs is not counted.
+    /// Maximum memory of all results together, cached or not. Memory that a node needs only while it runs is not counted.
     #[schemars(range(min = 0.0), extend("unit" = "MB"))]
     pub(crate) memory: Option<f64>,
 }

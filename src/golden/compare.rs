@@ -68,20 +68,21 @@ pub struct Tolerance {
     /// Fraction of pixels, or of other entries that are equal or not, that may differ.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub differing: f64,
-    /// Difference of a color channel that does not count: 0 to 255.
+    /// Largest difference of a color channel that is ignored: 0 to 255.
     #[schemars(range(min = 0.0, max = 255.0))]
     pub level: f64,
-    /// Largest difference of any color channel, 0 to 255, however few pixels differ.
+    /// Largest allowed difference of any color channel, 0 to 255, however few pixels differ.
     #[schemars(range(min = 0.0, max = 255.0))]
     pub hard: Option<f64>,
-    /// Differences of colors and numbers up to this fraction of the mean of both do not count.
+    /// Differences of two colors or numbers are ignored up to this fraction of the mean of both.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub relative: f64,
-    /// Allows other faces of a mesh if its surface is near.
+    /// Accepts a mesh with other faces if its surface is near the golden surface.
     pub remeshed: bool,
     /// Part of the value that a golden stores.
     pub keep: Keep,
-    /// The fraction of the diagonal, or of the range, that is allowed by default. Files whose numbers are `float` need a millionth.
+    /// The default limit, as a fraction of the diagonal of all positions or of the range of all numbers. Files whose numbers are `float`
+    /// need a millionth. If `None`, the limit is a billionth.
     #[serde(skip)]
     pub default_fraction: Option<f64>,
 }
@@ -93,8 +94,8 @@ pub enum Keep {
     /// Every entry, so that every entry is compared.
     #[default]
     Whole,
-    /// Some entries of a value that is too large to be stored whole. The others are compared only by sums over all of them, and not at all
-    /// where a tolerance is given.
+    /// Some entries of a value that is too large to be stored whole. All other entries are compared only by sums over the whole value.
+    /// Where a tolerance is given, they are not compared at all.
     Sampled {
         /// Every n-th entry of a list; of a picture every n-th pixel in every n-th row.
         #[schemars(range(min = 2))]
@@ -134,15 +135,15 @@ impl Tolerance {
 pub struct Measure {
     /// The name of the column or surface.
     pub name: String,
-    /// The largest difference, in the unit `unit`.
+    /// The largest measured difference, in the unit `unit`.
     pub max: f64,
-    /// The root mean square of all differences, in the unit `unit`.
+    /// The root mean square of all measured differences, in the unit `unit`.
     pub rms: f64,
-    /// The 99th percentile of all differences, in the unit `unit`.
+    /// The 99th percentile of all measured differences, in the unit `unit`.
     pub p99: f64,
-    /// The largest difference that counts. Differences that the relative limit of the tolerance allows do not count.
+    /// The largest measured difference that counts. Differences that the relative limit of the tolerance allows do not count.
     pub counted_max: f64,
-    /// The fraction of elements that differ, from 0 to 1.
+    /// The measured fraction of elements that differ, from 0 to 1.
     pub differing: f64,
     /// The unit of the differences: `mm`, `degrees`, or empty.
     pub unit: &'static str,
@@ -183,7 +184,7 @@ impl Measure {
 /// The result of comparing two values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
-    /// Whether the values are equal, close enough, or different.
+    /// The result: the values are equal, close enough, or different.
     pub verdict: Verdict,
     /// The reasons for the verdict `Different`: counts or kinds that differ, and limits that are exceeded.
     pub reasons: Vec<String>,

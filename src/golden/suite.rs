@@ -84,7 +84,7 @@ pub struct Case {
     pub seconds: f64,
     /// The time spent encoding the outputs as files, in seconds.
     pub(crate) file_seconds: f64,
-    /// The nodes that the graph has now, as text. `None` if the graph could not be read.
+    /// A description of the nodes that the graph has at present. `None` if the graph could not be read.
     nodes: Option<String>,
 }
 
@@ -221,7 +221,7 @@ pub struct Settings<'a> {
     pub threads: usize,
     /// Creates a session with one thread. Each session runs one case at a time, so cases that run in parallel have different sessions.
     pub session: &'a (dyn Fn() -> Result<Session, String> + Sync),
-    /// Is called with each session after its last case.
+    /// Called with each session after its last case.
     pub finish: &'a (dyn Fn(&Session) + Sync),
 }
 

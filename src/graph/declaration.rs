@@ -26,7 +26,7 @@ pub struct Declaration {
     pub name: String,
     kind: String,
     pub(crate) default: Tree,
-    /// If the default is a `Draft`: the value for final results, then the value for drafts.
+    /// If the default is a `Draft`: its value for final results, then its value for drafts. `None` for any other default.
     pub(super) sides: Option<[Tree; 2]>,
     /// True if the default is an expression of other parameters.
     pub(super) is_derived: bool,
@@ -34,7 +34,7 @@ pub struct Declaration {
     max: Option<f64>,
     choices: Vec<String>,
     unit: Option<String>,
-    /// The position of the unit in the file.
+    /// The position, in the graph file, of the parameter's unit.
     pub(super) unit_span: Span,
     doc: String,
 }

@@ -35,9 +35,9 @@ pub struct Difference {
     pub change: Change,
     /// The dotted path of the field that differs. Empty if the whole entry differs.
     pub field: String,
-    /// The previous value, as text.
+    /// The previous value, as text. `None` if only the new graph has the entry or the field.
     pub before: Option<String>,
-    /// The new value, as text.
+    /// The new value, as text. `None` if only the old graph has the entry or the field.
     pub after: Option<String>,
     /// The names of the nodes that lead to the entry through used graphs, outermost first. Empty for an entry of the compared graphs
     /// themselves.

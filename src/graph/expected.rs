@@ -195,7 +195,7 @@ impl Check<'_, '_> {
         parsed_nodes: &[ParsedNode],
         names: &Names<'_>,
     ) -> Option<(usize, usize)> {
-        // The name of an output. An error of its link has been reported at the output.
+        // The value is named by an output. If the link of that output is invalid, the error has been reported at the output.
         if outputs.iter().any(|(key, _)| key.text() == Some(value)) {
             let port = ports.iter().find(|port| port.name == value);
             let file = files.iter().find(|file| file.name == value);

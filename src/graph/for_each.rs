@@ -37,7 +37,7 @@ pub(super) enum ForEachSource {
 }
 
 impl ForEachFields {
-    /// Returns the carried outputs, each with the link that the first element uses.
+    /// Returns the outputs that are passed from element to element, each with the link that the first element uses instead.
     pub(super) fn carried_outputs(&self) -> Vec<(String, Tree)> {
         self.carry.iter().map(|field| (name_of(&field.name.text), field.value.clone())).collect()
     }

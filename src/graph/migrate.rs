@@ -205,7 +205,7 @@ fn rewrite_value(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) 
                     rewrite_value(&old.value, &new.value, text, splices);
                 }
             }
-            // Here the migration moved the field into a group of fields.
+            // Here the migration moved the field into a new group of fields.
             (None, [inner]) => {
                 fn empty_span(at: usize) -> Span {
                     Span { start: at, end: at }

@@ -278,7 +278,7 @@ impl Check<'_, '_> {
         self.report(code::BAD_NAME, key.span, message, "");
     }
 
-    /// Returns the text of the patched graph. If that is a patch too, returns its result.
+    /// Returns the text of the patched graph. If the patched graph is a patch too, returns the text of the graph that results from it.
     fn base_source_map(&mut self, given: &str, span: Span) -> Option<Arc<SourceMap>> {
         let own = self.source_map.clone();
         let found = self.enter(given, span)?;

@@ -21,7 +21,7 @@ use crate::parts::GoldenParts;
 use crate::store;
 use crate::store::{Golden, GoldenError, WrittenFile};
 
-/// The ratio of a tolerance to the largest difference ever accepted above which the user is told that the tolerance is too large.
+/// If a tolerance is more than this many times the largest difference ever accepted, the user is told that the tolerance is too large.
 const MAX_EXCESS: f64 = 10.0;
 
 /// Returns the name of a measure and the part of its difference that cannot come from rounding. Returns `None` if all of it can.

@@ -27,7 +27,7 @@ pub const EXTENSION: &str = ".sweep.ron";
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct File {
-    /// Graph, relative to this file.
+    /// Path of the graph, relative to this file.
     graph: String,
     /// Values or files that differ between tasks.
     over: Axis,
@@ -48,16 +48,16 @@ struct File {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct Picture {
-    /// Output to show. If omitted, the first one with faces, or else the first one that can be shown.
+    /// Output to show. If omitted, the first output with faces, or else the first one that can be shown.
     #[schemars(extend("format" = "output"))]
     pub output: String,
-    /// Angles of the camera to the right and upward.
+    /// Angles by which the camera is turned to the right and upward.
     #[schemars(extend("unit" = "deg"))]
     pub camera: (f64, f64),
-    /// Magnification relative to a view that just fits.
+    /// Magnification relative to a view into which the value just fits.
     #[schemars(range(min = 0.01, max = 100.0))]
     pub zoom: f64,
-    /// Width and height.
+    /// Width and height of the picture.
     #[schemars(extend("unit" = "px"))]
     pub size: (Side, Side),
 }
