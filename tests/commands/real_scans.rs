@@ -30,7 +30,7 @@ fn maquette(project: &Project, words: &[&str]) -> Output {
     output
 }
 
-/// The expectations in the graph are the test: the position of the second scan, and that the solid can be printed.
+/// The expectations in the graph are the test: they state the position of the second scan, and that the solid can be printed.
 #[test]
 fn two_scans_of_a_bunny_become_a_solid() {
     let Some(scans) = shared_folder("data/real/stanford_bunny") else { return };

@@ -170,7 +170,7 @@ fn answer(mut stream: TcpStream, state: &Mutex<State>) -> std::io::Result<()> {
     }
     let mode = match state.mode.unwrap_or(Mode::Honest) {
         Mode::Any(seed) => {
-            // Half of the requests are answered honestly, so the server has files with which it can misbehave.
+            // Half of the requests are answered correctly, so that the server gets files with which it can misbehave.
             let next = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
             state.mode = Some(Mode::Any(next ^ next >> 33));
             let pick = (next >> 40) as usize;
