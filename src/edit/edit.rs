@@ -58,9 +58,9 @@ pub enum Edit {
     /// Renames a node, an input or a parameter, and all references to it in the same file. References in other files, such as patches of
     /// the graph and graphs that use it, are not updated.
     Rename {
-        /// The old name.
+        /// The current name of the node, input or parameter.
         from: String,
-        /// The new name.
+        /// The new name of the node, input or parameter.
         to: String,
     },
     /// Links a port. If the port has a link, the new link replaces it.
@@ -83,7 +83,7 @@ pub enum Edit {
         /// The new value in RON. If it is invalid as RON, it is a text.
         value: String,
     },
-    /// Adds, changes or removes an output.
+    /// Adds an output, changes its source, or removes it.
     Output {
         /// The name of the output: the path of a file, or a port to which other graphs can link.
         name: String,
@@ -107,7 +107,7 @@ impl Edit {
 /// The text of a graph file before and after some edits, and the values that the edits have set.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EditedText {
-    /// The text after the edits.
+    /// The text of the file after the edits.
     pub text: String,
     /// The text before the edits, for undoing all of them.
     pub before: String,
@@ -123,7 +123,7 @@ pub struct ValueChange {
     pub target: String,
     /// The previous value. `None` if the target had no value.
     pub before: Option<String>,
-    /// The new value.
+    /// The new value, as it was written into the file.
     pub after: String,
 }
 

@@ -53,7 +53,7 @@ pub struct ExtractedGraph {
     pub edited: EditedText,
     /// The path of the new file, which does not exist yet.
     pub path: PathBuf,
-    /// The text of the new file.
+    /// The text of the new graph file.
     pub text: String,
     /// The node type of the new graph.
     pub kind: String,

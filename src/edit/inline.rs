@@ -117,8 +117,8 @@ fn find_use<'k>(known: &'k ParsedGraph, name: &str) -> Result<(usize, &'k Defini
     Ok((at, graph))
 }
 
-/// Returns the edits that prepare the text of a used graph for inlining. They remove omitted inputs, and rename nodes whose names are
-/// taken.
+/// Returns the edits that prepare the text of a used graph for inlining. They remove omitted inputs, and rename nodes whose names are taken
+/// in the using graph.
 fn preparing_edits(known: &ParsedGraph, at: usize, graph: &Definition) -> Vec<Edit> {
     let (key, call) = &known.entries("nodes")[at];
     let fields = call.fields().unwrap_or_default();
@@ -197,7 +197,7 @@ struct Inliner<'a> {
     known: &'a ParsedGraph,
     /// The index, in the using graph, of the node to be replaced.
     at: usize,
-    /// The used graph, after the preparing edits.
+    /// The used graph, after the edits that prepare it for inlining.
     inner: &'a ParsedGraph,
     path: &'a Path,
     /// The folder of the used graph, and the folder of the using graph.
@@ -441,8 +441,8 @@ impl<'a> Inliner<'a> {
         here == there && version(own) == version(inner)
     }
 
-    /// Returns the edits of the section `use`. They remove the entry of the used graph if no other node needs it, and add the node types
-    /// that the inlined nodes need.
+    /// Returns the edits of the section `use` of the using graph. They remove the entry of the used graph if no other node needs it, and
+    /// add the node types that the inlined nodes need.
     fn use_splices(&self) -> Vec<Splice> {
         let Self { known, inner, at, .. } = self;
         let nodes = known.entries("nodes");

@@ -134,7 +134,7 @@ impl References {
         ports.any(|known| known.name == port && !known.optional)
     }
 
-    /// Returns the texts of the links.
+    /// Returns the texts of the links in the graph file.
     pub fn links(&self) -> impl Iterator<Item = &str> {
         let links = self.all.iter().filter(|found| found.kind == ReferenceKind::Link);
         links.map(|found| &found.text[..])

@@ -24,7 +24,7 @@ pub(crate) use order::unordered_hash;
 /// The verdict of a comparison, ordered from equal to different.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// Equal to the last bit.
+    /// Both values are equal to the last bit.
     Identical,
     /// Equal except for the order of vertices, faces or points.
     Reordered,
@@ -133,7 +133,7 @@ impl Tolerance {
 /// The measured differences between the old and the new version of a column or surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measure {
-    /// The name of the column or surface.
+    /// The name of the compared column or surface.
     pub name: String,
     /// The largest measured difference, in the unit `unit`.
     pub max: f64,
@@ -172,7 +172,8 @@ impl Measure {
         }
     }
 
-    /// Describes the difference in words.
+    /// Describes the measured difference in words: the largest difference or, for columns that are compared by fraction, the fraction that
+    /// differs.
     pub fn in_words(&self) -> String {
         match self.is_by_fraction {
             true => format!("{} % of `{}` differ", six_digits(100.0 * self.differing), self.name),

@@ -214,7 +214,7 @@ pub struct Settings<'a> {
     pub shard: Option<Shard>,
     /// For the test files in this map, only the cases of these graphs are run.
     pub graphs: &'a BTreeMap<PathBuf, BTreeSet<PathBuf>>,
-    /// True if no cached results are used.
+    /// True to ignore cached results.
     pub cold: bool,
     /// True if used graphs must match the lock files.
     pub locked: bool,
@@ -332,7 +332,7 @@ pub fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, String>
 
 /// The result of running all tests of graphs in a folder.
 pub struct TestRun {
-    /// The number of passed cases.
+    /// The number of cases that passed.
     pub passed: usize,
     /// The graphs that were tested.
     pub graphs: Vec<PathBuf>,

@@ -213,7 +213,7 @@ impl Declaration {
         self.min.is_none_or(|min| min <= x) && self.max.is_none_or(|max| x <= max)
     }
 
-    /// Returns the value, if it has the declared type and is in range; otherwise returns a broken value.
+    /// Returns the default value, if it has the declared type and is in the declared range. Otherwise returns a broken value.
     pub(crate) fn value(&self, diagnostics: &mut Vec<LocalDiagnostic>) -> Tree {
         let tree = &self.default;
         if !tree.is_complete() {

@@ -361,7 +361,7 @@ pub struct Pick {
     pub(crate) of: usize,
     /// The number of the element, counted from 1.
     pub(crate) number: usize,
-    /// The type of the element's node.
+    /// The type of the node that computes the element.
     pub(crate) kind: String,
     pub(crate) outputs: Vec<String>,
 }

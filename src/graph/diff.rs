@@ -53,9 +53,9 @@ pub enum Change {
     Removed,
     /// The entry has another name in the new graph.
     Renamed,
-    /// A link leads to another output.
+    /// A link leads to another output than in the old graph.
     Rewired,
-    /// The value of a field differs.
+    /// The value of a field differs between the graphs.
     Changed,
 }
 

@@ -290,7 +290,7 @@ fn size_with_companions(file: &NodeFile, readers: &Readers) -> u64 {
 
 /// Returns the paths of a file's companions, including those that are not in the folders `roots`.
 pub fn companion_paths(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec<PathBuf> {
-    // Files of other formats have no companions.
+    // Files of formats whose readers never refer to other files have no companions.
     if !readers.may_name(&extension(path)) {
         return Vec::new();
     }

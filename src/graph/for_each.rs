@@ -15,7 +15,7 @@ use crate::definition::Branches;
 pub(super) struct ForEachFields {
     pub(super) kind: Name,
     pub(super) over: ForEachSource,
-    /// The fields common to all elements.
+    /// The fields in `with` and `links`, which all elements share.
     pub(super) common: Vec<Field>,
     pub(super) carry: Vec<Field>,
     /// The input that receives the element, if the file names one.

@@ -39,7 +39,7 @@ pub struct Graph {
     pub(crate) text: Option<Arc<GraphText>>,
     /// The expectations of the graph and of the graphs that it uses.
     pub(crate) expect: Arc<[GraphExpectation]>,
-    /// The schema of the inputs and parameters.
+    /// The JSON schema of the graph's inputs and parameters.
     pub(crate) schema: serde_json::Value,
     /// The entries that are written like nodes but were replaced by other nodes: used graphs, `ForEach` and `Switch`.
     pub(crate) uses: Arc<[GraphUse]>,

@@ -273,7 +273,7 @@ pub fn without_blank_lines(text: &str, cut: Span, open: usize, close: usize) -> 
     Span { start, end }
 }
 
-/// Sorts spans, and merges spans that touch.
+/// Sorts spans, and merges spans that touch or overlap.
 fn merge_spans(mut spans: Vec<Span>) -> Vec<Span> {
     spans.sort_unstable();
     let mut merged: Vec<Span> = Vec::with_capacity(spans.len());

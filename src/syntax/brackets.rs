@@ -48,7 +48,7 @@ impl OpenBracket {
 /// The missing, wrong and surplus brackets of a text.
 pub(super) struct Brackets<'t> {
     repair: &'t Repair,
-    /// The text before it was repaired.
+    /// The text of the file before it was repaired.
     text: &'t str,
     tokens: Vec<(SyntaxKind, Span)>,
     pub(super) edits: Vec<Edit>,

@@ -24,7 +24,7 @@ impl<'a> ExpectedValue<'a> {
         Self { field: name.into(), schema: Cow::Borrowed(schema), unit: None, root: schema }
     }
 
-    /// Returns the expected value of a field.
+    /// Returns the expected value of one of this value's fields. `None` if there is no such field.
     pub fn field(&self, name: &str) -> Option<Self> {
         let field = Cow::Owned(name.to_owned());
         self.step(field, None, |schema| schema.get("properties")?.get(name))

@@ -26,7 +26,7 @@ pub struct SourceMap {
 pub struct TextPart {
     /// The span of the part in the complete text.
     pub span: Span,
-    /// The file from which the part comes.
+    /// The file from which the part of the text comes.
     pub source: Arc<Source>,
     pub start: usize,
     pub folder: PathBuf,

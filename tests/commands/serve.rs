@@ -14,7 +14,7 @@ mod materials;
 mod missing;
 mod outline;
 
-/// A host program and its server.
+/// A host program, and the server that it has started.
 struct Host {
     process: Child,
     requests: Option<ChildStdin>,

@@ -180,7 +180,7 @@ fn the_folder_of_a_watch_can_be_made_again() {
             assert!(start.elapsed() < Duration::from_secs(60), "the output did not come back");
             sleep(Duration::from_millis(20));
         }
-        // Changes after that are noticed, too.
+        // Changes after the folder was made again are noticed, too.
         project.write("a.obj", tetrahedron(size + 1));
         loop {
             let run = watch.run_until_ok();

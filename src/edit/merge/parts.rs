@@ -99,7 +99,7 @@ pub(super) struct Part<'t> {
 }
 
 impl Part<'_> {
-    /// Returns the text of the part.
+    /// Returns the text of the part, ready to be written into the merged value.
     pub(super) fn piece(&self) -> Piece {
         Piece {
             before: self.before.to_owned(),
@@ -204,7 +204,7 @@ impl<'t> Parts<'t> {
     }
 }
 
-/// The text that separates two parts.
+/// The text between two parts of a value.
 struct Gap<'t> {
     trailing: Trailing<'t>,
     rest: &'t str,

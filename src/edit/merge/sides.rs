@@ -182,7 +182,7 @@ impl Merger<'_> {
                 true => pair_items(before, &said),
                 false => (0..said.len()).map(Some).collect(),
             };
-            // Both sides have added equal items.
+            // Number the added items too, so that equal items that both sides have added get equal numbers.
             let numbered = places.into_iter().enumerate();
             Some(
                 numbered

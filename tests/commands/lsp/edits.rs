@@ -194,7 +194,7 @@ fn a_completion_changes_its_line_alone_in_any_text() {
             asked += 1;
         }
     };
-    // Small texts are tried at all positions.
+    // In a small text, all positions are tried.
     for text in [
         "",
         "\n",

@@ -122,7 +122,7 @@ impl Server {
         state.files.keys().map(|path| path.trim_start_matches(ROOT).to_owned()).collect()
     }
 
-    /// Stores these files.
+    /// Stores these files under their names.
     pub(super) fn fill(&self, files: &BTreeMap<String, Vec<u8>>) {
         let files = files.iter().map(|(name, bytes)| (format!("{ROOT}{name}"), bytes.clone()));
         self.state.lock().unwrap().files.extend(files);
