@@ -38,7 +38,7 @@ pub enum Edit {
         name: String,
         /// The type of the new node: a node type of the catalog, a graph under `use`, `ForEach` or `Switch`.
         node: String,
-        /// Names and values of the new node's fields, in order. A value is RON; if it is invalid as RON, it is a text. Links need no
+        /// Names and values of the new node's fields, in order. Each value is RON, or a text if it cannot be parsed as RON. Links need no
         /// quotes.
         #[serde(default)]
         fields: Vec<(String, String)>,
@@ -63,7 +63,7 @@ pub enum Edit {
         /// The new name of the node, input or parameter.
         to: String,
     },
-    /// Links a port. If the port has a link, the new link replaces it.
+    /// Links a port. The new link replaces the link that the port has, if any.
     Link {
         /// The port, `node.port`. If the port takes a list, the link is appended to the list. `node.port.2` is the third link of a list.
         /// For a `ForEach`, the ports are those of the repeated node type; for a `Switch`, they are its cases.
@@ -71,7 +71,7 @@ pub enum Edit {
         /// The source of the link, `node` or `node.output`.
         to: String,
     },
-    /// Removes the link at a port. If the port takes a list, removes all its links.
+    /// Removes the link at a port. If the port takes a list, removes all links of the port.
     Unlink {
         /// The port, `node.port`. `node.port.2` is the third link of a list.
         port: String,
@@ -80,7 +80,7 @@ pub enum Edit {
     Set {
         /// The target of the value: `name` for the default of a parameter, or `node.field.field` for a field of a node.
         target: String,
-        /// The new value in RON. If it is invalid as RON, it is a text.
+        /// The new value: RON, or a text if it cannot be parsed as RON.
         value: String,
     },
     /// Adds an output, changes its source, or removes it.

@@ -276,8 +276,8 @@ impl Extractor<'_> {
         needed.map(|entry| format!("{},\n", known.slice(entry_span(entry)))).collect()
     }
 
-    /// Returns the entries of `use` that the moved nodes need, as text for the new graph. Also returns the edits of this section in the old
-    /// graph: they add the new graph's node type, and remove entries that no remaining node needs.
+    /// Returns the entries of `use` that the moved nodes need, as text for the new graph. Also returns the edits of this section in the
+    /// original graph: they add the new graph's node type, and remove entries that no remaining node needs.
     fn uses(&self) -> (String, Vec<Splice>) {
         let Self { known, set, new, .. } = self;
         let text = &known.text;
@@ -309,7 +309,7 @@ impl Extractor<'_> {
         (copies + &taken.text, splices)
     }
 
-    /// Returns the edits that add a section `use` to the old graph, after its first fields such as `doc`.
+    /// Returns the edits that add a section `use` to the original graph, after its first fields such as `doc`.
     fn add_use_section(&self, entry: &str) -> Vec<Splice> {
         let (text, tree) = (&self.known.text, self.known.tree());
         fn is_header_field(name: &str) -> bool {

@@ -42,8 +42,8 @@ pub struct Merge {
     pub text: String,
     /// The paths of the conflicts, such as `nodes.red.select.distance`. The empty path is the whole text.
     pub conflicts: Vec<String>,
-    /// If there are no conflicts: errors of the merged text that neither side has. Also expressions in conflicts whose meaning would
-    /// change, and syntax errors of texts that cannot be parsed.
+    /// If there are no conflicts: the errors of the merged text that neither side has. Also errors for expressions whose meaning the merge
+    /// would change, which are marked as conflicts, and syntax errors of texts that cannot be parsed.
     pub diagnostics: Vec<Diagnostic>,
     /// True if the texts were merged by lines, as in git, because one of them cannot be parsed or because comments could not be assigned to
     /// parts.

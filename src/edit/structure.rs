@@ -352,7 +352,7 @@ impl<'j> Structure<'j> {
         Ok(())
     }
 
-    /// Marks a link of a node for removal, or the whole field of a port with all its links.
+    /// Marks a link of a node for removal: an item of a list of links, or the whole field of a port.
     fn remove_link<'t>(
         &'t self,
         holders: &[(&'t Tree, usize)],

@@ -78,7 +78,7 @@ pub struct TestFile {
     pub graphs: Vec<PathBuf>,
     pub(crate) cases: Vec<(String, TestCase)>,
     pub(crate) compare: Vec<OutputTolerance>,
-    /// The expectations that the test adds to those of its graphs. Each has its syntax tree.
+    /// The expectations that the test adds to those of its graphs, each with its syntax tree.
     pub(crate) expect: Vec<(Expectation, Tree)>,
     pub(crate) budget: Budget,
     /// The parts of the file whose meaning is unclear because of syntax errors near them.
@@ -446,7 +446,7 @@ fn invalid_case_names(tree: &Tree) -> Vec<LocalDiagnostic> {
     wrong.collect()
 }
 
-/// Returns the absolute path of a folder. From there, the project that contains the folder is searched upwards.
+/// Returns the absolute path of a folder, so that the folders above it can be searched for the root of the project.
 fn canonical_folder(folder: &Path) -> PathBuf {
     let here = if folder == Path::new("") { Path::new(".") } else { folder };
     std::fs::canonicalize(here).unwrap_or_else(|_| here.to_owned())

@@ -51,7 +51,7 @@ impl Verdict {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tolerance {
-    /// Largest allowed distance of a position from the golden one, in mm, or largest allowed difference of another number.
+    /// Largest allowed distance of a position from the golden position, in mm, or largest allowed difference of another number.
     #[schemars(range(min = 0.0))]
     pub max: Option<f64>,
     /// Largest allowed root mean square of all distances, in mm.
@@ -60,7 +60,7 @@ pub struct Tolerance {
     /// Largest allowed 99th percentile of all distances, in mm.
     #[schemars(range(min = 0.0))]
     pub p99: Option<f64>,
-    /// Largest allowed angle between a normal and the golden one, in degrees.
+    /// Largest allowed angle between a normal and the golden normal, in degrees.
     #[schemars(range(min = 0.0, max = 180.0))]
     pub normals: Option<f64>,
     /// Largest allowed difference of each attribute, by name.
@@ -213,14 +213,14 @@ impl Comparison {
         Self { verdict, reasons, measures }
     }
 
-    /// Returns the measure with the largest distance. If no distances were measured, returns the one with the largest difference. Returns
-    /// `None` if nothing differs.
+    /// Returns the measure with the largest distance. If no distances were measured, returns the measure with the largest difference.
+    /// Returns `None` if nothing differs.
     pub fn worst(&self) -> Option<&Measure> {
         let differing = self.measures.iter().filter(|m| m.max > 0.0);
         differing.min_by(|a, b| a.rank().cmp(&b.rank()).then(b.max.total_cmp(&a.max)))
     }
 
-    /// Returns the fraction of elements that was compared, for the column where it is smallest.
+    /// Returns the smallest fraction of elements that was compared in any column.
     pub fn compared_fraction(&self) -> f64 {
         self.measures.iter().map(|m| m.compared_fraction).fold(1.0, f64::min)
     }

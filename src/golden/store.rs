@@ -127,7 +127,8 @@ pub(crate) fn files(
 const FORM: &str = "form";
 const THIS_FORM: &str = "2";
 
-/// The label of the summary line that contains the tolerances. The stored numbers are rounded just so that they suffice for these.
+/// The label of the summary line that contains the tolerances for which the golden was stored. The stored numbers are rounded only so far
+/// that they suffice for these tolerances.
 const KEPT_FOR: &str = "kept for";
 
 /// The start of the labels of the summary lines that describe other files of the golden, as in `kept in .bin`.

@@ -161,7 +161,7 @@ impl Case {
         }
     }
 
-    /// Returns the outputs whose goldens would change if they were accepted.
+    /// Returns the outputs whose goldens would change if their new values were accepted.
     pub fn changed_outputs(&self) -> impl Iterator<Item = &OutputComparison> {
         self.outputs.iter().filter(|output| output.changed)
     }
@@ -212,7 +212,8 @@ pub struct Settings<'a> {
     pub filter: Option<&'a str>,
     /// If given, only this part of the selected cases is run.
     pub shard: Option<Shard>,
-    /// For the test files in this map, only the cases of these graphs are run.
+    /// For each test file in this map, only the cases of the listed graphs are run. For all other test files, the cases of all graphs are
+    /// run.
     pub graphs: &'a BTreeMap<PathBuf, BTreeSet<PathBuf>>,
     /// True to ignore cached results.
     pub cold: bool,
@@ -422,7 +423,7 @@ fn jobs_of(test: &TestFile) -> Vec<Job<'_>> {
     let beside = test_folder(test);
     let mut jobs = Vec::new();
     for graph in &test.graphs {
-        // The goldens are always next to the test file, even if the graph is in a folder above it.
+        // The goldens are always next to the test file, even if the graph is in a folder above the test file.
         let place = graph.strip_prefix(beside).unwrap_or(graph).with_extension("");
         let parts = place.components().filter_map(|part| match part {
             Component::Normal(name) => Some(name),

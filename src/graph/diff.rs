@@ -29,7 +29,7 @@ use crate::tree::{is_patch, join_path, show};
 pub struct Difference {
     /// The kind of entry: `node`, `parameter`, `input`, `output`, `use` or `graph`.
     pub what: &'static str,
-    /// The name of the entry, which is the new name if it was renamed. Empty for the graph itself.
+    /// The name of the entry. If the entry was renamed, its new name. Empty for the graph itself.
     pub name: String,
     /// The kind of the difference.
     pub change: Change,

@@ -73,8 +73,8 @@ impl Values {
 /// 10^10 nodes.
 const MAX_NODES: usize = 1_000_000;
 
-/// Expands a graph. If the graph is broken, returns `None`. If the values that are given to the parameters of used graphs cause errors,
-/// reports them and returns `None`.
+/// Expands a graph. Returns `None` if the graph is broken, or if the values that are given to the parameters of used graphs cause errors.
+/// Such errors are reported.
 pub(super) fn expand<'a>(
     world: &mut World<'a>,
     whole: &ParsedFile,

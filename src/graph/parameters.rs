@@ -186,7 +186,7 @@ impl Parameters {
         Some((*span, format!("`{name}` is in {unit}")))
     }
 
-    /// Evaluates a `Param` or an `Expr`. Reports errors, and returns a broken value for them.
+    /// Evaluates a `Param` or an `Expr`. If there are errors, reports them and returns a broken value.
     pub(super) fn resolve(
         &self,
         tree: &Tree,

@@ -19,8 +19,8 @@ const SHARP: f64 = 10.0;
 /// special names to only one of the two.
 const NAMED_DOMAINS: [usize; 2] = [0, 1];
 
-/// Checks that a node declares how it handles attributes, for each pair of port and output. Also checks with the node's example that it
-/// does what it declares.
+/// Checks that a node declares how it handles attributes, for each pair of port and output. Also checks, with the node's example, that the
+/// node does what it declares.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     let (entry, node) = (case.entry, &case.graph.nodes()[case.index]);
     let declared = entry.carries();

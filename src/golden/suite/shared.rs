@@ -10,8 +10,8 @@ use super::{Job, jobs_of, test_folder};
 use crate::case;
 use crate::case::TestFile;
 
-/// Returns an error for each case that shares its folder of goldens with a case in another test file. That other file need not be among the
-/// given ones. Also returns the test files with such cases.
+/// Returns an error for each case that shares its folder of goldens with a case in another test file. The other test file need not be one
+/// of `tests`. Also returns the test files with such cases.
 pub fn shared_golden_folders(tests: &[TestFile]) -> (Vec<Diagnostic>, BTreeSet<PathBuf>) {
     // Handle the test files that were not given first, so that each error is reported in a file that was given.
     let others = other_tests(tests);

@@ -61,7 +61,7 @@ pub(super) enum Axis {
     },
 }
 
-/// The values of one task, or those of them that come from one axis.
+/// Values that a task sets in the graph: all of its values, or only those that come from one axis.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row {
     /// The values as text for display, in the order of the names.

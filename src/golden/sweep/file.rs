@@ -506,7 +506,8 @@ impl Checker<'_> {
         }
     }
 
-    /// Reports an error of the graph at the value that the error is about. If there is none, reports it at the value that caused the error.
+    /// Reports an error of the graph at the value that the error is about. If the error is not about a value of the sweep, reports it at
+    /// the value that caused it.
     fn report_graph_diagnostic(&mut self, diagnostic: &Diagnostic, set: &[Set], new: Option<Span>) {
         fn words(set: &Set) -> String {
             format!("--set {}={}", set.target, set.text)
@@ -609,8 +610,8 @@ pub(crate) fn values_in_words(names: &[String], values: &[String]) -> String {
     Vec::from_iter(each).join(", ")
 }
 
-/// Returns a help text for two tasks with equal names. It suggests to add those values to the template that differ between tasks and are
-/// missing in it.
+/// Returns a help text for two tasks with equal names. It suggests adding to the template the values that differ between the tasks and are
+/// missing in the template.
 fn distinguishing_help(
     rows: &Rows,
     by: &Template,
