@@ -157,7 +157,7 @@ fn is_none(field: &Field) -> bool {
     matches!(&field.value.kind, Kind::Word(word) if word == "None")
 }
 
-/// Returns the error for a result that computes other values than the original graph.
+/// Returns the error for an inlining after which the graph would compute other values.
 fn difference_error(
     name: &str,
     graph: &Definition,

@@ -63,10 +63,10 @@ pub(crate) struct Case {
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Budget {
-    /// Maximum time of all nodes together. Nodes whose results come from the cache take no time.
+    /// Maximum allowed time of all nodes together. Nodes whose results come from the cache take no time.
     #[schemars(range(min = 0.0), extend("unit" = "s"))]
     pub(crate) seconds: Option<f64>,
-    /// Maximum memory of all results together, cached or not. Memory that a node needs only while it runs is not counted.
+    /// Maximum allowed memory of all results together, cached or not. Memory that a node needs only while it runs is not counted.
     #[schemars(range(min = 0.0), extend("unit" = "MB"))]
     pub(crate) memory: Option<f64>,
 }

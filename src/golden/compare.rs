@@ -47,7 +47,7 @@ impl Verdict {
 }
 
 /// Limits of the differences between two values. Defaults: for positions a billionth of the diagonal of their bounding box, for numbers a
-/// billionth of their range, for everything else no difference. The same program computes the same bits.
+/// billionth of their range, for everything else no difference. Such small limits suffice, because the same program computes the same bits.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tolerance {
@@ -68,7 +68,7 @@ pub struct Tolerance {
     /// Fraction of pixels, or of other entries that are equal or not, that may differ.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub differing: f64,
-    /// Largest difference of a color channel that is ignored: 0 to 255.
+    /// Differences of a color channel up to this value are ignored: 0 to 255.
     #[schemars(range(min = 0.0, max = 255.0))]
     pub level: f64,
     /// Largest allowed difference of any color channel, 0 to 255, however few pixels differ.

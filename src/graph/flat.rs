@@ -30,7 +30,7 @@ pub struct GraphNode {
     pub links: Vec<Link>,
     /// The files that the node reads.
     pub files: Vec<NodeFile>,
-    /// The call as the file contains it, with parameters replaced by their values.
+    /// The call of the node as the file contains it, with parameters replaced by their values.
     pub(crate) tree: Arc<Tree>,
     pub outputs: Vec<&'static str>,
     /// The type of each output. `None` if the type depends on a port that has no link.

@@ -257,7 +257,7 @@ impl Branches {
     /// Returns the index of the case whose name is the value `value`.
     ///
     /// # Errors
-    /// No case has that name. The error is the message and the word.
+    /// No case has that name. The error is the message, and the value as a word.
     pub(super) fn find_case(&self, value: &Tree) -> Result<usize, (String, String)> {
         let word = match &value.kind {
             Kind::Word(word) | Kind::Text(word) => word.clone(),

@@ -288,7 +288,7 @@ fn merge_spans(mut spans: Vec<Span>) -> Vec<Span> {
 
 /// The text that follows a part of a value, up to the end of the line.
 pub struct Tail {
-    /// The offset of the comma after the part.
+    /// The offset of the comma after the part. `None` if no comma follows.
     pub comma: Option<usize>,
     /// The end of the line on which the part or its comma ends, including comments on that line.
     pub line_end: usize,

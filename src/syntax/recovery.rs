@@ -43,7 +43,7 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
         .iter()
         .any(|it| [UNTERMINATED_STRING, UNTERMINATED_COMMENT].contains(&&it.message[..]));
     if !strings.is_empty() && !is_unterminated {
-        // The other errors are consequences of the missing quotes, so drop them.
+        // All errors other than the missing quotes are consequences of these, so drop them.
         errors = strings.iter().map(|(string, _)| missing_quote_error(*string)).collect();
     }
     let quotes: Vec<_> = strings.iter().map(|(_, edit)| edit.clone()).collect();

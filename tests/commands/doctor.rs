@@ -7,7 +7,7 @@ use std::process::Output;
 use crate::output::text_of;
 use crate::project::{GRAPHS, Project};
 
-/// A project whose cache has the doll's results. The commands run in the folder of the example graphs.
+/// A project whose cache has the results of the example graph `doll.ron`. The commands run in the folder of the example graphs.
 struct Cache(Project);
 
 impl Cache {

@@ -449,7 +449,7 @@ impl Checker<'_> {
     }
 
     fn report_template(&mut self, wrong: &TemplateError, out: &Tree, names: &[String]) {
-        // The position of the error in the file. It may be off if the text contains escape sequences.
+        // The position, in the sweep file, of an error in the template `out`. It is inexact if the template contains escape sequences.
         let start = out.span.start + 1 + wrong.at;
         let text = &self.source.text[out.span.start..out.span.end];
         let is_plain = !text.contains('\\') && text.starts_with('"');
