@@ -304,8 +304,9 @@ impl Golden {
             .as_ref()
     }
 
-    /// Returns the distance of each vertex of a mesh from its old position, which is that of the nearest stored vertex. If the number of
-    /// vertices has not changed, this is the nearest one in the list, otherwise the nearest one in space.
+    /// Returns for each vertex of a mesh how far it has moved, as measured at a stored vertex. If the number of vertices has not changed,
+    /// this is the last stored vertex up to its index, and the distance from the old to the new position of that vertex. Otherwise it is
+    /// the stored vertex nearest in space, and the distance of that vertex from `mesh`. `None` if no positions are stored.
     pub(crate) fn differences(&self, mesh: &Mesh) -> Option<Vec<f64>> {
         let position = &self.numbers()?.column("position")?.part;
         let stored: Vec<Point3<f64>> =

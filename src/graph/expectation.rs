@@ -234,7 +234,7 @@ impl Expectation {
         }
     }
 
-    /// Returns the name as it is written in a file.
+    /// Returns the name of the condition as it is written in a file, such as `Closed`.
     pub fn name(&self) -> &str {
         match self {
             Self::Closed(_) => "Closed",

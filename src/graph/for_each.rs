@@ -257,7 +257,8 @@ impl Branches {
     /// Returns the index of the case whose name is the value `value`.
     ///
     /// # Errors
-    /// No case has that name. The error is the message, and the value as a word.
+    /// No case has that name. The error is a message, and the value as a word; the word is empty if the value is not a word, text, number
+    /// or truth value.
     pub(super) fn find_case(&self, value: &Tree) -> Result<usize, (String, String)> {
         let word = match &value.kind {
             Kind::Word(word) | Kind::Text(word) => word.clone(),

@@ -78,8 +78,8 @@ impl KnownProperties {
         (known, warnings)
     }
 
-    /// Removes the promises of graphs that are known to hold because of promises of their nodes. Warns about promises that cannot be kept,
-    /// once for all elements of a `ForEach`.
+    /// Removes those promises of graphs that are known to hold, because they follow from promises of the graphs' nodes. Warns about
+    /// promises that cannot be kept, once for all elements of a `ForEach`.
     pub(super) fn retain_open_promises(
         &self,
         expected: &mut Vec<GraphExpectation>,

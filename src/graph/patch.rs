@@ -189,7 +189,7 @@ impl Check<'_, '_> {
         Some(source_map)
     }
 
-    /// Migrates those nodes of the patched graph that the patch changes to current names. The patch can then use both the old and the new
+    /// Migrates to current names those nodes of the patched graph that the patch changes. The patch can then use both the old and the new
     /// name of a field.
     fn migrate_nodes(
         &mut self,
