@@ -304,9 +304,10 @@ impl Golden {
             .as_ref()
     }
 
-    /// Returns for each vertex of a mesh how far it has moved, as measured at a stored vertex. If the number of vertices has not changed,
-    /// this is the last stored vertex up to its index, and the distance from the old to the new position of that vertex. Otherwise it is
-    /// the stored vertex nearest in space, and the distance of that vertex from `mesh`. `None` if no positions are stored.
+    /// Returns how far each vertex of `mesh` has moved, estimated from the stored vertices. `None` if no positions are stored.
+    ///
+    /// If the number of vertices has not changed, the result for a vertex is the move of the stored vertex with the same or the next lower
+    /// index. Otherwise it is the distance of the nearest stored vertex from `mesh`.
     pub(crate) fn differences(&self, mesh: &Mesh) -> Option<Vec<f64>> {
         let position = &self.numbers()?.column("position")?.part;
         let stored: Vec<Point3<f64>> =
