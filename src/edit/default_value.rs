@@ -14,8 +14,8 @@ use serde_json::Value as Json;
 use super::Editor;
 
 impl Editor<'_> {
-    /// Returns the value to be written into a graph, or into a patch of the graph. For a draft, an omitted field becomes a `Draft` whose
-    /// value for final results is the field's default.
+    /// Returns the text to write at the field `target` of a graph or patch. This is `value` or, if drafts are edited and `text` omits the
+    /// field, a `Draft` of `value` and the field's default.
     ///
     /// # Errors
     /// The field has no default, or the default cannot be written.
@@ -65,7 +65,7 @@ impl Editor<'_> {
             (false, way) => (call, way),
             (true, ["with", way @ ..]) => (&field(call, "with")?.value, way),
             (true, ["over", number, way @ ..]) => {
-                // The fields in `with` apply to all elements of the `ForEach`, including the element of the target.
+                // A field that the element omits may be set for all elements of the `ForEach`, by `with`.
                 let with = field(call, "with").and_then(|with| field(&with.value, name));
                 if let Some(with) = with.filter(|with| way.is_empty() && !is_draft(&with.value)) {
                     return Some(text[with.value.span.start..with.value.span.end].to_owned());
@@ -81,7 +81,8 @@ impl Editor<'_> {
         let schema = owner["properties"].get(name)?;
         let mut required = owner["required"].as_array().into_iter().flatten();
         let kind = resolve_field(schema, root);
-        // A port takes only links. A default in a used graph may be a path relative to that graph's folder, which is invalid in this file.
+        // Return `None` for a port, because ports take only links. Also for a text field of a used graph: its default may be a path
+        // relative to the folder of the used graph, which would be wrong in this file.
         let is_foreign = matches!(what, NodeKind::Use(..)) && kind["type"] == "string";
         if required.any(|it| it == name)
             || kind.get("port").is_some()

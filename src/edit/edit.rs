@@ -38,11 +38,11 @@ pub enum Edit {
         name: String,
         /// The type of the new node: a node type of the catalog, a graph under `use`, `ForEach` or `Switch`.
         node: String,
-        /// Names and values of the new node's fields, in order. A value is RON; if it is invalid as RON, it is a text. Links need no
+        /// Names and values of the new node's fields, in order. Each value is RON, or a text if it cannot be parsed as RON. Links need no
         /// quotes.
         #[serde(default)]
         fields: Vec<(String, String)>,
-        /// The node after which the new node is inserted. `None` for the last node.
+        /// The node after which the new node is inserted. `None` inserts it after the last node of the graph.
         #[serde(default)]
         after: Option<String>,
     },
@@ -58,12 +58,12 @@ pub enum Edit {
     /// Renames a node, an input or a parameter, and all references to it in the same file. References in other files, such as patches of
     /// the graph and graphs that use it, are not updated.
     Rename {
-        /// The old name.
+        /// The current name of the node, input or parameter.
         from: String,
-        /// The new name.
+        /// The new name of the node, input or parameter.
         to: String,
     },
-    /// Links a port. If the port has a link, the new link replaces it.
+    /// Links a port. The new link replaces the link that the port has, if any.
     Link {
         /// The port, `node.port`. If the port takes a list, the link is appended to the list. `node.port.2` is the third link of a list.
         /// For a `ForEach`, the ports are those of the repeated node type; for a `Switch`, they are its cases.
@@ -71,7 +71,7 @@ pub enum Edit {
         /// The source of the link, `node` or `node.output`.
         to: String,
     },
-    /// Removes the link at a port. If the port takes a list, removes all its links.
+    /// Removes the link at a port. If the port takes a list, removes all links of the port.
     Unlink {
         /// The port, `node.port`. `node.port.2` is the third link of a list.
         port: String,
@@ -80,10 +80,10 @@ pub enum Edit {
     Set {
         /// The target of the value: `name` for the default of a parameter, or `node.field.field` for a field of a node.
         target: String,
-        /// The new value in RON. If it is invalid as RON, it is a text.
+        /// The new value: RON, or a text if it cannot be parsed as RON.
         value: String,
     },
-    /// Adds, changes or removes an output.
+    /// Adds an output, changes its source, or removes it.
     Output {
         /// The name of the output: the path of a file, or a port to which other graphs can link.
         name: String,
@@ -104,10 +104,10 @@ impl Edit {
     }
 }
 
-/// The text of a graph file after some edits.
+/// The text of a graph file before and after some edits, and the values that the edits have set.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EditedText {
-    /// The text after the edits.
+    /// The text of the file after the edits.
     pub text: String,
     /// The text before the edits, for undoing all of them.
     pub before: String,
@@ -115,14 +115,15 @@ pub struct EditedText {
     pub changes: Vec<ValueChange>,
 }
 
-/// A value that was written into a graph file.
+/// The change of one value in a graph file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ValueChange {
-    /// The target: `name` or `node.field`. Outdated names have been replaced by current ones.
+    /// The target of the value: `name` for the default of a parameter, or `node.field`. Outdated names in the target have been replaced by
+    /// current ones.
     pub target: String,
     /// The previous value. `None` if the target had no value.
     pub before: Option<String>,
-    /// The new value.
+    /// The new value, as it was written into the file.
     pub after: String,
 }
 
@@ -174,8 +175,8 @@ fn comma_count(text: &str) -> usize {
 }
 
 impl EditedText {
-    /// Runs an edit on a text in which leading commas have been moved to the ends of the previous lines. Then moves the commas back to the
-    /// beginnings of lines.
+    /// Moves leading commas to the ends of the previous lines, runs an edit on this text, and moves the commas back to the beginnings of
+    /// lines.
     pub(super) fn with_commas_behind(
         text: &str,
         edit: impl FnOnce(&str) -> Result<Self, Vec<Diagnostic>>,
@@ -241,7 +242,7 @@ impl Editor<'_> {
         for edit in edits {
             for value in edit.values() {
                 let spellings = spellings(value);
-                // If the old value is a text in quotes, try a bare word as a text first.
+                // If the old value is a string in quotes, try first to read a new value that is a bare word as a string without quotes.
                 let is_text = match edit {
                     Edit::Set { target, .. } => {
                         let draft = self.options.draft;
@@ -272,7 +273,8 @@ impl Editor<'_> {
             }
             chosen[index] = 1 - chosen[index];
             let (other, others) = attempt(&chosen)?;
-            // A change from text to RON is accepted only if it removes all errors.
+            // Accept the other reading of the value if it removes all errors. The reading as a text is also accepted if it removes some
+            // errors.
             if others.is_empty() || (chosen[index] == 1 && others.len() < diagnostics.len()) {
                 (best, diagnostics) = (other, others);
             } else {
@@ -282,7 +284,8 @@ impl Editor<'_> {
         if diagnostics.is_empty() { Ok(best) } else { Err(diagnostics) }
     }
 
-    /// Applies the edits, with the given spellings of their values, and does not check the result.
+    /// Applies the edits, and does not check the resulting graph. `values` are the values of all edits in order, each in the chosen
+    /// spelling.
     pub(super) fn apply_unchecked<'s>(
         &self,
         text: &str,
@@ -316,7 +319,8 @@ impl Editor<'_> {
                     let message = format!("{target}={given}: {}", error.message);
                     vec![self.diagnostic(&text, EditError { message, ..error })]
                 })?;
-                // For a draft, the edit may have replaced a plain value by a `Draft`.
+                // When drafts are edited, a plain value may have been replaced by a `Draft` that contains the old and the new value. Record
+                // this `Draft` as the new value.
                 let draft = before.as_ref().filter(|_| self.options.draft);
                 let draft = draft.map(|before| format!("Draft(final: {before}, draft: {value})"));
                 let after = draft
@@ -338,12 +342,13 @@ impl Editor<'_> {
         Ok(edited)
     }
 
-    /// Returns the errors of a text. Missing files are not errors here.
+    /// Returns the errors of a text. A missing file is not an error.
     fn errors(&self, text: &str) -> Vec<Diagnostic> {
         self.check(text, self.options.draft).diagnostics
     }
 
-    /// Checks a text for drafts or for final results. Only errors are returned, and files may be missing.
+    /// Checks the text of a graph: with the values for drafts if `draft` is set, otherwise with those for final results. Returns errors but
+    /// no warnings; a missing file is not an error.
     pub(super) fn check(&self, text: &str, draft: bool) -> CheckedGraph {
         let mut checked = self.check_with(Files::Inside, text, draft);
         // A file outside of the project stops the check. To also find the errors of values, check again and ignore files.
@@ -398,8 +403,8 @@ fn new_errors(
     new
 }
 
-/// Returns the ways to read a value: as RON, or as a text or a list of texts whose quotes are missing. A bare word can be read in both
-/// ways.
+/// Returns the possible spellings of a value that a user has typed: the value itself if it is RON, and the value with quotes added if it
+/// may be a text, or a list of texts, without quotes. Only bare words, and lists that contain some, have two spellings.
 fn spellings(value: &str) -> Vec<String> {
     let (tree, errors) = parse(value);
     if !errors.is_empty() {

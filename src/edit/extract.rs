@@ -36,12 +36,13 @@ use new_graph::NewGraph;
 pub struct Extraction {
     /// The names of the nodes to be moved, in any order.
     pub nodes: Vec<String>,
-    /// The path of the new file, such as `lib/nose.ron`, relative to the same folder as the path of the graph. By default the file is in
-    /// the folder of the graph and has the name of the using node. If that name is taken, a number is appended.
+    /// The path of the new file, such as `lib/nose.ron`, relative to the folder to which the path of the graph is relative. If `None`, the
+    /// file is in the folder of the graph and has the name of the node that uses the new graph. If a file of this name exists, a number is
+    /// appended.
     pub to: Option<PathBuf>,
-    /// The node type of the new graph, such as `Nose`. By default it is derived from the name of the file.
+    /// The node type of the new graph, such as `Nose`. If `None`, it is derived from the name of the file.
     pub kind: Option<String>,
-    /// The name of the node that uses the new graph, such as `nose`. By default it is the name of the file.
+    /// The name of the node that uses the new graph, such as `nose`. If `None`, it is the name of the file without its extension.
     pub name: Option<String>,
 }
 
@@ -52,7 +53,7 @@ pub struct ExtractedGraph {
     pub edited: EditedText,
     /// The path of the new file, which does not exist yet.
     pub path: PathBuf,
-    /// The text of the new file.
+    /// The text of the new graph file.
     pub text: String,
     /// The node type of the new graph.
     pub kind: String,
@@ -190,7 +191,7 @@ struct Extractor<'a> {
 }
 
 impl Extractor<'_> {
-    /// Returns the new text of the old graph, and the text of the new graph before formatting.
+    /// Returns the text of the original graph after the extraction, and the text of the new graph before formatting.
     fn write(&self) -> Result<(String, String), EditError> {
         let Self { known, set, border, new, .. } = self;
         let text = &known.text;
@@ -243,7 +244,8 @@ impl Extractor<'_> {
         self.known.owner(span).is_some_and(|at| self.set.contains(&at))
     }
 
-    /// Returns the edits within the moved nodes: links to other nodes become links to inputs, and paths are adapted to the new folder.
+    /// Returns the edits within the moved nodes: links to other nodes become links to inputs of the new graph, and paths are adapted to the
+    /// folder of the new file.
     fn inner_splices(&self) -> Vec<Splice> {
         let Self { known, border, .. } = self;
         let mut splices = self.path_splices(known.files());
@@ -274,8 +276,8 @@ impl Extractor<'_> {
         needed.map(|entry| format!("{},\n", known.slice(entry_span(entry)))).collect()
     }
 
-    /// Returns the entries of `use` that the moved nodes need, as text for the new graph. Also returns the edits of this section in the old
-    /// graph: they add the new graph's node type, and remove entries that no remaining node needs.
+    /// Returns the entries of `use` that the moved nodes need, as text for the new graph. Also returns the edits of this section in the
+    /// original graph: they add the new graph's node type, and remove entries that no remaining node needs.
     fn uses(&self) -> (String, Vec<Splice>) {
         let Self { known, set, new, .. } = self;
         let text = &known.text;
@@ -307,7 +309,7 @@ impl Extractor<'_> {
         (copies + &taken.text, splices)
     }
 
-    /// Returns the edits that add a section `use` to the old graph, after its first fields such as `doc`.
+    /// Returns the edits that add a section `use` to the original graph, after its first fields such as `doc`.
     fn add_use_section(&self, entry: &str) -> Vec<Splice> {
         let (text, tree) = (&self.known.text, self.known.tree());
         fn is_header_field(name: &str) -> bool {
@@ -336,7 +338,8 @@ impl Extractor<'_> {
         format!("{}: {declared}", quote(&input.name))
     }
 
-    /// Returns the declarations of parameters, as the old graph contains them, for the new graph.
+    /// Returns the declarations of the parameters at the given indices, for the new graph. They are copied from the original graph, with
+    /// paths adapted to the new folder.
     fn parameter_declarations(&self, parameters: &BTreeSet<usize>) -> Vec<String> {
         let known = self.known;
         let paths = self.path_splices(known.files());

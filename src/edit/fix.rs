@@ -41,7 +41,7 @@ fn check(text: &str, path: &Path, catalog: &Catalog, options: &Options) -> Vec<D
     [checked.diagnostics, unused].concat()
 }
 
-/// Returns true if there is one fewer diagnostic of this kind than before the fix, and no new syntax error.
+/// Returns true if a fix has removed one of the diagnostics with the code and message of `diagnostic`, and has not added a syntax error.
 fn is_fixed(diagnostic: &Diagnostic, before: &[Diagnostic], now: &[Diagnostic]) -> bool {
     let [same_before, same_now] = [before, now].map(|all| {
         let same = all

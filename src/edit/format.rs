@@ -17,8 +17,8 @@ use std::sync::Arc;
 use maquette_syntax::error::{Diagnostic, Severity, Source, Span, code};
 use maquette_syntax::{LineEnding, Token, parse, syntax_diagnostics, tokens, with_trailing_commas};
 
-/// Maximum line width in columns. The graphs for which the form was designed have nodes of up to 146 columns on one line. At a limit of
-/// 120, one in five of these long nodes would become a block of five to ten lines.
+/// Maximum line width in columns. The graphs for which the canonical form was designed have nodes of up to 146 columns on one line. With a
+/// maximum of 120, one in five of these long nodes would become a block of five to ten lines.
 const MAX_WIDTH: usize = 150;
 
 /// The number of columns per level of indentation.
@@ -94,7 +94,7 @@ struct Entry<'t> {
     /// True if a blank line precedes the entry and its comments.
     has_blank_line: bool,
     pieces: Vec<Piece<'t>>,
-    /// The comments after the entry, on its last line.
+    /// The comments after the entry, on the last line of the entry.
     trailing: Vec<&'t str>,
 }
 
@@ -117,7 +117,7 @@ struct Group<'t> {
     open: &'t str,
     close: &'t str,
     entries: Vec<Entry<'t>>,
-    /// The comments directly before the closing bracket.
+    /// The comments between the last entry and the closing bracket.
     last: Vec<Note<'t>>,
     /// The width of the group in columns if it is written on one line. `None` if it must be broken into lines.
     inline_width: Option<usize>,
@@ -390,8 +390,8 @@ impl<'t> PartialEntry<'t> {
 }
 
 impl<'t> Entry<'t> {
-    /// Adds a comment that follows the entry on its line. A line comment must be the last on its line, so an earlier one is moved above the
-    /// entry.
+    /// Adds a comment that follows the entry on the same line. A line comment must be the last comment on its line, so an earlier line
+    /// comment is moved above the entry.
     fn add_trailing(&mut self, note: Note<'t>) {
         if let Some(text) = self.trailing.pop_if(|text| text.starts_with("//")) {
             self.above.push(Note { text, has_blank_line: false });

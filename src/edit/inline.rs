@@ -30,15 +30,15 @@ use super::{Edit, EditedText, Editor};
 /// Replaces one node that uses a graph, in the file at `path`, by the nodes of the used graph. This is the inverse of
 /// [`extract`](crate::extract()).
 ///
-/// The nodes keep their comments. The parameters of the used graph are replaced by the values that the node gives. An inlined node keeps
-/// its name if the name is free; otherwise it is prefixed with the name of the replaced node. Links to outputs of the replaced node become
-/// links to the inlined nodes. The expectations and node types of the used graph are copied. Every value keeps its cache key. The file of
-/// the used graph is not changed.
+/// The nodes keep their comments. The parameters of the used graph are replaced by the values that the replaced node gives to them. An
+/// inlined node keeps its name if the name is free; otherwise it is prefixed with the name of the replaced node. Links to outputs of the
+/// replaced node become links to the inlined nodes. The expectations and node types of the used graph are copied. Every value keeps its
+/// cache key. The file of the used graph is not changed.
 ///
 /// # Errors
 /// The graph has errors, the new text has errors, the node does not use a graph or is a `ForEach`, or the inlined nodes would have another
-/// meaning. The meaning can change because of properties that the used graph requires of its inputs or promises, or because of a value that
-/// cannot be written in an expression. Positions refer to `text` or to the text of the used graph.
+/// meaning. Their meaning can change if the used graph requires properties of its inputs or promises properties of its outputs. It can also
+/// change if a value cannot be written in an expression. Positions refer to `text` or to the text of the used graph.
 pub fn inline(
     path: &Path,
     text: &str,
@@ -117,8 +117,8 @@ fn find_use<'k>(known: &'k ParsedGraph, name: &str) -> Result<(usize, &'k Defini
     Ok((at, graph))
 }
 
-/// Returns the edits that prepare the text of a used graph for inlining. They remove omitted inputs, and rename nodes whose names are
-/// taken.
+/// Returns the edits that prepare the text of a used graph for inlining. They remove omitted inputs, and rename nodes whose names are taken
+/// in the using graph.
 fn preparing_edits(known: &ParsedGraph, at: usize, graph: &Definition) -> Vec<Edit> {
     let (key, call) = &known.entries("nodes")[at];
     let fields = call.fields().unwrap_or_default();
@@ -157,7 +157,7 @@ fn is_none(field: &Field) -> bool {
     matches!(&field.value.kind, Kind::Word(word) if word == "None")
 }
 
-/// Returns the error for a result that computes other values than the original graph.
+/// Returns the error for an inlining after which the graph would compute other values.
 fn difference_error(
     name: &str,
     graph: &Definition,
@@ -189,20 +189,20 @@ fn difference_error(
     edit_error(code::EXPRESSION, span, message, help)
 }
 
-/// An error. The flag is true if its position is in the used graph.
+/// An error of an inlining. The flag is true if the position of the error is in the used graph, and false if it is in the using graph.
 type InlineError = (bool, EditError);
 
 /// Writes the text of the using graph with the inlined nodes.
 struct Inliner<'a> {
     known: &'a ParsedGraph,
-    /// The index of the node to be replaced.
+    /// The index, in the using graph, of the node to be replaced.
     at: usize,
-    /// The used graph, after the preparing edits.
+    /// The used graph, after the edits that prepare it for inlining.
     inner: &'a ParsedGraph,
     path: &'a Path,
     /// The folder of the used graph, and the folder of the using graph.
     folders: [PathBuf; 2],
-    /// For each input of the used graph, the link that the replaced node has there.
+    /// For each input of the used graph, the link by which the replaced node sets this input.
     links: BTreeMap<String, &'a str>,
     /// New names for node types of the used graph whose names are taken in the using graph.
     kinds: BTreeMap<String, String>,
@@ -269,12 +269,13 @@ impl<'a> Inliner<'a> {
             .map_or_else(|| link.to_owned(), |it| self.outer_link(it))
     }
 
-    /// Returns the replacement of a link inside of the used graph: a link to an input becomes the link that the replaced node has there.
+    /// Returns the replacement of a link inside of the used graph. A link to an input is replaced by the link by which the replaced node
+    /// sets this input.
     fn outer_link(&self, link: &str) -> String {
         self.links.get(link).map_or(link, |outer| outer).to_owned()
     }
 
-    /// Returns the edits within the text of the inlined nodes.
+    /// Returns the edits within the text of the inlined nodes: they adapt links to inputs, paths of files, parameters and node types.
     fn inner_splices(&self) -> Result<Vec<Splice>, EditError> {
         let inner = self.inner;
         let mut splices = Vec::new();
@@ -440,8 +441,8 @@ impl<'a> Inliner<'a> {
         here == there && version(own) == version(inner)
     }
 
-    /// Returns the edits of the section `use`. They remove the entry of the used graph if no other node needs it, and add the node types
-    /// that the inlined nodes need.
+    /// Returns the edits of the section `use` of the using graph. They remove the entry of the used graph if no other node needs it, and
+    /// add the node types that the inlined nodes need.
     fn use_splices(&self) -> Vec<Splice> {
         let Self { known, inner, at, .. } = self;
         let nodes = known.entries("nodes");

@@ -42,15 +42,15 @@ pub struct Merge {
     pub text: String,
     /// The paths of the conflicts, such as `nodes.red.select.distance`. The empty path is the whole text.
     pub conflicts: Vec<String>,
-    /// If there are no conflicts: errors of the merged text that neither side has. Also expressions in conflicts whose meaning would
-    /// change, and syntax errors of texts that cannot be parsed.
+    /// If there are no conflicts: the errors of the merged text that neither side has. Also errors for expressions whose meaning the merge
+    /// would change, which are marked as conflicts, and syntax errors of texts that cannot be parsed.
     pub diagnostics: Vec<Diagnostic>,
     /// True if the texts were merged by lines, as in git, because one of them cannot be parsed or because comments could not be assigned to
     /// parts.
     pub by_lines: bool,
 }
 
-/// An entry of a section that one side has renamed.
+/// An entry that one side has renamed, in a section such as `nodes`.
 #[derive(PartialEq)]
 struct Renaming {
     section: &'static str,
@@ -99,7 +99,7 @@ pub fn merge(path: &Path, [base, ours, theirs]: [&Source; 3], catalog: &Catalog)
     merged
 }
 
-/// The three texts, after each renamed part has been given the same name in all of them.
+/// The three texts of a merge (base, ours, theirs), after each renamed part has been given the same name in all of them.
 struct UnifiedNames {
     texts: [String; 3],
     renamed_twice: Vec<RenamedTwice>,

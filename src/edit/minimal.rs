@@ -101,7 +101,7 @@ impl Search<'_> {
         self.cuts.push(Span { start: field.name.span.start, end: field.value.span.end });
     }
 
-    /// Marks the fields with the given names for removal if their values are empty.
+    /// Marks those of `fields` for removal that have one of the given names and an empty value.
     fn cut_empty(&mut self, fields: &[Field], names: &[&str]) {
         for field in fields.iter().filter(|field| names.contains(&&field.name.text[..])) {
             if is_empty(&field.value) {

@@ -136,7 +136,7 @@ impl UsedGraph {
         }
     }
 
-    /// Returns the input or parameter of the graph that corresponds to a field name.
+    /// Returns the input or parameter of the used graph that corresponds to a field name.
     fn field(&self, field: &str) -> Option<Symbol> {
         let name = name_of(field);
         let sort = match () {
@@ -246,13 +246,14 @@ impl KnownNames {
         found
     }
 
-    /// Returns true if the target `text` is in a `ForEach` as a whole, not in one of its elements.
+    /// Returns true if the node in the target `text` is a `ForEach`. A target inside of one element, such as `eyes/1.scale`, does not
+    /// count.
     fn is_repeated(&self, text: &str) -> bool {
         self.repeated.contains(text.split('.').next().unwrap_or(text))
     }
 
-    /// Returns the rest of the target `node.field` that begins with a field of the used graph. In a `ForEach`, the steps `with` or `over.1`
-    /// before that field are skipped.
+    /// Returns the part of the target `node.field` that begins with the name of a field of the used graph. In a `ForEach`, skips the steps
+    /// before that field, such as `with` or `over.1`.
     fn used_field_path<'t>(&self, text: &'t str) -> Option<&'t str> {
         let (_, way) = text.split_once('.')?;
         let groups = match way.split('.').next() {

@@ -73,7 +73,7 @@ impl Editor<'_> {
 
 /// The innermost value on the path of a target that a patch can set as a whole.
 struct Part<'t> {
-    /// The path of that value, as a patch contains it.
+    /// The path of the value that the patch can set, as a patch contains it.
     owner: String,
     tree: &'t Tree,
     /// True if the value is a `Draft`, and the next step of the target is one of its sides, such as `draft`.

@@ -94,7 +94,7 @@ impl References {
             let guess = unknown.contains(name);
             search.node(name, node, guess);
             for group in ["links", "carry"] {
-                // If a `ForEach` has no elements, no parsed node has its links, so search its call.
+                // A `ForEach` without elements has no parsed nodes with links, so search its call for links.
                 let is_each = node.name().is_some_and(|kind| kind.text == "ForEach");
                 if let Some(group) = field(node, group).filter(|_| is_each) {
                     search.node(name, &group.value, true);
@@ -134,7 +134,7 @@ impl References {
         ports.any(|known| known.name == port && !known.optional)
     }
 
-    /// Returns the texts of the links.
+    /// Returns the texts of the links in the graph file.
     pub fn links(&self) -> impl Iterator<Item = &str> {
         let links = self.all.iter().filter(|found| found.kind == ReferenceKind::Link);
         links.map(|found| &found.text[..])
@@ -149,9 +149,9 @@ impl References {
 /// Collects the references in a graph file.
 struct Search<'t> {
     found: BTreeMap<Span, Reference>,
-    /// The names of nodes and inputs.
+    /// The names of the nodes and inputs of the graph.
     names: HashSet<&'t str>,
-    /// For each link, the port at which it is, by the position of the link.
+    /// The port of each link, by the position of the link in the text.
     links: HashMap<Span, String>,
 }
 

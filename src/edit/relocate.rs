@@ -79,7 +79,7 @@ pub(super) fn edit_error(
     EditError { code, span, message: message.into(), help: help.into() }
 }
 
-/// Returns the first of the `wanted` names that is free. If none is free, appends a number to the last of them.
+/// Returns the first of the `wanted` names that is free. If none is free, appends a number to the last wanted name.
 pub(super) fn free_name(
     wanted: impl IntoIterator<Item = String>,
     number: impl Fn(&str, usize) -> String,

@@ -29,7 +29,8 @@ pub(super) struct Structure<'j> {
     references: References,
 }
 
-/// The sections whose entries have names to which other parts can refer. Each has the word for one of its entries.
+/// The sections of a graph file whose entries have names to which other parts can refer. Each section is paired with the word for one of
+/// its entries.
 const SECTIONS: [(&str, &str); 3] =
     [("nodes", "node"), ("inputs", "input"), ("params", "parameter")];
 
@@ -351,7 +352,7 @@ impl<'j> Structure<'j> {
         Ok(())
     }
 
-    /// Marks a link of a node for removal, or the whole field of a port with all its links.
+    /// Marks a link of a node for removal: an item of a list of links, or the whole field of a port.
     fn remove_link<'t>(
         &'t self,
         holders: &[(&'t Tree, usize)],
@@ -366,8 +367,8 @@ impl<'j> Structure<'j> {
         Ok(())
     }
 
-    /// If all links of a list are marked for removal, marks the field of the list instead. Returns an error for each list whose port
-    /// requires a link.
+    /// If all links of a list are marked for removal, marks the field that contains the list instead. Returns an error for each of these
+    /// lists whose port requires at least one link.
     fn remove_empty_lists<'t>(&'t self, gone: &mut Removals<'t>) -> Vec<EditError> {
         let mut errors = Vec::new();
         let empty_lists: Vec<_> = gone
@@ -406,7 +407,7 @@ impl<'j> Structure<'j> {
         let (port, is_needed) = match (&kind[..], inner) {
             ("ForEach", [.., (group, field)]) => {
                 let port = name_of(group, *field);
-                // The links in `carry` determine which outputs are carried, so they cannot be removed.
+                // The links in `carry` determine which outputs are passed from one element to the next, so they cannot be removed.
                 let is_needed = outer == "carry" || self.references.is_required(node, &port);
                 (port, is_needed)
             }

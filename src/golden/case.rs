@@ -30,7 +30,8 @@ pub const EXTENSION: &str = ".test.ron";
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Test {
-    /// Graph, relative to this file. A `*` in its name stands for any characters; then all matching graphs are tested.
+    /// Path of the graph to test, relative to this file. A `*` in the file name stands for any characters; then all matching graphs are
+    /// tested.
     graph: String,
     /// Cases by name; `{"default": ()}` if omitted.
     #[serde(default)]
@@ -62,10 +63,10 @@ pub(crate) struct Case {
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Budget {
-    /// Time of all nodes together. Nodes whose results come from the cache take no time.
+    /// Maximum allowed time of all nodes together. Nodes whose results come from the cache take no time.
     #[schemars(range(min = 0.0), extend("unit" = "s"))]
     pub(crate) seconds: Option<f64>,
-    /// Memory of all results together, cached or not. Memory that a node needs only while it runs is not counted.
+    /// Maximum allowed memory of all results together, cached or not. Memory that a node needs only while it runs is not counted.
     #[schemars(range(min = 0.0), extend("unit" = "MB"))]
     pub(crate) memory: Option<f64>,
 }
@@ -77,7 +78,7 @@ pub struct TestFile {
     pub graphs: Vec<PathBuf>,
     pub(crate) cases: Vec<(String, TestCase)>,
     pub(crate) compare: Vec<OutputTolerance>,
-    /// The expectations that the test adds to those of its graphs. Each has its syntax tree.
+    /// The expectations that the test adds to those of its graphs, each with its syntax tree.
     pub(crate) expect: Vec<(Expectation, Tree)>,
     pub(crate) budget: Budget,
     /// The parts of the file whose meaning is unclear because of syntax errors near them.
@@ -445,7 +446,7 @@ fn invalid_case_names(tree: &Tree) -> Vec<LocalDiagnostic> {
     wrong.collect()
 }
 
-/// Returns the absolute path of a folder. From there, the project that contains the folder is searched upwards.
+/// Returns the absolute path of a folder, so that the folders above it can be searched for the root of the project.
 fn canonical_folder(folder: &Path) -> PathBuf {
     let here = if folder == Path::new("") { Path::new(".") } else { folder };
     std::fs::canonicalize(here).unwrap_or_else(|_| here.to_owned())

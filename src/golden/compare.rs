@@ -24,7 +24,7 @@ pub(crate) use order::unordered_hash;
 /// The verdict of a comparison, ordered from equal to different.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// Equal to the last bit.
+    /// Both values are equal to the last bit.
     Identical,
     /// Equal except for the order of vertices, faces or points.
     Reordered,
@@ -47,11 +47,11 @@ impl Verdict {
 }
 
 /// Limits of the differences between two values. Defaults: for positions a billionth of the diagonal of their bounding box, for numbers a
-/// billionth of their range, for everything else no difference. The same program computes the same bits.
+/// billionth of their range, for everything else no difference. Such small limits suffice, because the same program computes the same bits.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tolerance {
-    /// Largest allowed distance of a position from the golden one, in mm, or largest allowed difference of another number.
+    /// Largest allowed distance of a position from the golden position, in mm, or largest allowed difference of another number.
     #[schemars(range(min = 0.0))]
     pub max: Option<f64>,
     /// Largest allowed root mean square of all distances, in mm.
@@ -60,7 +60,7 @@ pub struct Tolerance {
     /// Largest allowed 99th percentile of all distances, in mm.
     #[schemars(range(min = 0.0))]
     pub p99: Option<f64>,
-    /// Largest allowed angle between a normal and the golden one, in degrees.
+    /// Largest allowed angle between a normal and the golden normal, in degrees.
     #[schemars(range(min = 0.0, max = 180.0))]
     pub normals: Option<f64>,
     /// Largest allowed difference of each attribute, by name.
@@ -68,20 +68,21 @@ pub struct Tolerance {
     /// Fraction of pixels, or of other entries that are equal or not, that may differ.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub differing: f64,
-    /// Difference of a color channel that does not count: 0 to 255.
+    /// Differences of a color channel up to this value are ignored: 0 to 255.
     #[schemars(range(min = 0.0, max = 255.0))]
     pub level: f64,
-    /// Largest difference of any color channel, 0 to 255, however few pixels differ.
+    /// Largest allowed difference of any color channel, 0 to 255, however few pixels differ.
     #[schemars(range(min = 0.0, max = 255.0))]
     pub hard: Option<f64>,
-    /// Differences of colors and numbers up to this fraction of the mean of both do not count.
+    /// Differences of two colors or numbers are ignored up to this fraction of the mean of both.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub relative: f64,
-    /// Allows other faces of a mesh if its surface is near.
+    /// Accepts a mesh with other faces if its surface is near the golden surface.
     pub remeshed: bool,
     /// Part of the value that a golden stores.
     pub keep: Keep,
-    /// The fraction of the diagonal, or of the range, that is allowed by default. Files whose numbers are `float` need a millionth.
+    /// The default limit, as a fraction of the diagonal of all positions or of the range of all numbers. Files whose numbers are `float`
+    /// need a millionth. If `None`, the limit is a billionth.
     #[serde(skip)]
     pub default_fraction: Option<f64>,
 }
@@ -93,8 +94,8 @@ pub enum Keep {
     /// Every entry, so that every entry is compared.
     #[default]
     Whole,
-    /// Some entries of a value that is too large to be stored whole. The others are compared only by sums over all of them, and not at all
-    /// where a tolerance is given.
+    /// Some entries of a value that is too large to be stored whole. All other entries are compared only by sums over the whole value.
+    /// Where a tolerance is given, they are not compared at all.
     Sampled {
         /// Every n-th entry of a list; of a picture every n-th pixel in every n-th row.
         #[schemars(range(min = 2))]
@@ -132,17 +133,17 @@ impl Tolerance {
 /// The measured differences between the old and the new version of a column or surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measure {
-    /// The name of the column or surface.
+    /// The name of the compared column or surface.
     pub name: String,
-    /// The largest difference, in the unit `unit`.
+    /// The largest measured difference, in the unit `unit`.
     pub max: f64,
-    /// The root mean square of all differences, in the unit `unit`.
+    /// The root mean square of all measured differences, in the unit `unit`.
     pub rms: f64,
-    /// The 99th percentile of all differences, in the unit `unit`.
+    /// The 99th percentile of all measured differences, in the unit `unit`.
     pub p99: f64,
-    /// The largest difference that counts. Differences that the relative limit of the tolerance allows do not count.
+    /// The largest measured difference that counts. Differences that the relative limit of the tolerance allows do not count.
     pub counted_max: f64,
-    /// The fraction of elements that differ, from 0 to 1.
+    /// The measured fraction of elements that differ, from 0 to 1.
     pub differing: f64,
     /// The unit of the differences: `mm`, `degrees`, or empty.
     pub unit: &'static str,
@@ -171,7 +172,8 @@ impl Measure {
         }
     }
 
-    /// Describes the difference in words.
+    /// Describes the measured difference in words: the largest difference or, for columns that are compared by fraction, the fraction that
+    /// differs.
     pub fn in_words(&self) -> String {
         match self.is_by_fraction {
             true => format!("{} % of `{}` differ", six_digits(100.0 * self.differing), self.name),
@@ -183,7 +185,7 @@ impl Measure {
 /// The result of comparing two values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
-    /// Whether the values are equal, close enough, or different.
+    /// The result: the values are equal, close enough, or different.
     pub verdict: Verdict,
     /// The reasons for the verdict `Different`: counts or kinds that differ, and limits that are exceeded.
     pub reasons: Vec<String>,
@@ -211,14 +213,14 @@ impl Comparison {
         Self { verdict, reasons, measures }
     }
 
-    /// Returns the measure with the largest distance. If no distances were measured, returns the one with the largest difference. Returns
-    /// `None` if nothing differs.
+    /// Returns the measure with the largest distance. If no distances were measured, returns the measure with the largest difference.
+    /// Returns `None` if nothing differs.
     pub fn worst(&self) -> Option<&Measure> {
         let differing = self.measures.iter().filter(|m| m.max > 0.0);
         differing.min_by(|a, b| a.rank().cmp(&b.rank()).then(b.max.total_cmp(&a.max)))
     }
 
-    /// Returns the fraction of elements that was compared, for the column where it is smallest.
+    /// Returns the smallest fraction of elements that was compared in any column.
     pub fn compared_fraction(&self) -> f64 {
         self.measures.iter().map(|m| m.compared_fraction).fold(1.0, f64::min)
     }

@@ -127,7 +127,8 @@ pub(crate) fn files(
 const FORM: &str = "form";
 const THIS_FORM: &str = "2";
 
-/// The label of the summary line that contains the tolerances. The stored numbers are rounded just so that they suffice for these.
+/// The label of the summary line that contains the tolerances for which the golden was stored. The stored numbers are rounded only so far
+/// that they suffice for these tolerances.
 const KEPT_FOR: &str = "kept for";
 
 /// The start of the labels of the summary lines that describe other files of the golden, as in `kept in .bin`.
@@ -303,8 +304,10 @@ impl Golden {
             .as_ref()
     }
 
-    /// Returns the distance of each vertex of a mesh from its old position, which is that of the nearest stored vertex. If the number of
-    /// vertices has not changed, this is the nearest one in the list, otherwise the nearest one in space.
+    /// Returns how far each vertex of `mesh` has moved, estimated from the stored vertices. `None` if no positions are stored.
+    ///
+    /// If the number of vertices has not changed, the result for a vertex is the move of the stored vertex with the same or the next lower
+    /// index. Otherwise it is the distance of the nearest stored vertex from `mesh`.
     pub(crate) fn differences(&self, mesh: &Mesh) -> Option<Vec<f64>> {
         let position = &self.numbers()?.column("position")?.part;
         let stored: Vec<Point3<f64>> =

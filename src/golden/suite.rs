@@ -84,7 +84,7 @@ pub struct Case {
     pub seconds: f64,
     /// The time spent encoding the outputs as files, in seconds.
     pub(crate) file_seconds: f64,
-    /// The nodes that the graph has now, as text. `None` if the graph could not be read.
+    /// A description of the nodes that the graph has at present. `None` if the graph could not be read.
     nodes: Option<String>,
 }
 
@@ -161,7 +161,7 @@ impl Case {
         }
     }
 
-    /// Returns the outputs whose goldens would change if they were accepted.
+    /// Returns the outputs whose goldens would change if their new values were accepted.
     pub fn changed_outputs(&self) -> impl Iterator<Item = &OutputComparison> {
         self.outputs.iter().filter(|output| output.changed)
     }
@@ -212,16 +212,17 @@ pub struct Settings<'a> {
     pub filter: Option<&'a str>,
     /// If given, only this part of the selected cases is run.
     pub shard: Option<Shard>,
-    /// For the test files in this map, only the cases of these graphs are run.
+    /// For each test file in this map, only the cases of the listed graphs are run. For all other test files, the cases of all graphs are
+    /// run.
     pub graphs: &'a BTreeMap<PathBuf, BTreeSet<PathBuf>>,
-    /// True if no cached results are used.
+    /// True to ignore cached results.
     pub cold: bool,
     /// True if used graphs must match the lock files.
     pub locked: bool,
     pub threads: usize,
     /// Creates a session with one thread. Each session runs one case at a time, so cases that run in parallel have different sessions.
     pub session: &'a (dyn Fn() -> Result<Session, String> + Sync),
-    /// Is called with each session after its last case.
+    /// Called with each session after its last case.
     pub finish: &'a (dyn Fn(&Session) + Sync),
 }
 
@@ -332,7 +333,7 @@ pub fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, String>
 
 /// The result of running all tests of graphs in a folder.
 pub struct TestRun {
-    /// The number of passed cases.
+    /// The number of cases that passed.
     pub passed: usize,
     /// The graphs that were tested.
     pub graphs: Vec<PathBuf>,
@@ -422,7 +423,7 @@ fn jobs_of(test: &TestFile) -> Vec<Job<'_>> {
     let beside = test_folder(test);
     let mut jobs = Vec::new();
     for graph in &test.graphs {
-        // The goldens are always next to the test file, even if the graph is in a folder above it.
+        // The goldens are always next to the test file, even if the graph is in a folder above the test file.
         let place = graph.strip_prefix(beside).unwrap_or(graph).with_extension("");
         let parts = place.components().filter_map(|part| match part {
             Component::Normal(name) => Some(name),

@@ -388,7 +388,7 @@ impl Catalog {
                 entry
                     .outputs()
                     .first()
-                    // An output with several possible types has the type of the node's input, so it is not a conversion.
+                    // A node whose output has several possible types returns the type of its input, so it does not convert.
                     .is_some_and(|output| output.types.len() == 1 && output.types[0].name == to)
                     && entry
                         .ports()

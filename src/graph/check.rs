@@ -15,13 +15,13 @@ pub struct Check<'w, 'a> {
     /// The path from the root graph to this file: each item is a node that uses the next graph. Empty for the root graph.
     pub(super) uses: Vec<Use>,
     pub(super) diagnostics: Vec<LocalDiagnostic>,
-    /// The number of links that have been followed one after the other, for the detection of endless chains.
+    /// The number of links that have been followed one after the other, to detect endless chains.
     pub(super) depth: usize,
     /// The packs that the file requires and this program does not have, with their versions.
     pub(super) missing_packs: Vec<String>,
     /// Names that have been reported as invalid. No further errors about them are reported.
     pub(super) misnamed: HashSet<String>,
-    /// If the file has syntax errors: the parts of it that the parser may have misread because of them.
+    /// The parts of the file that the parser may have misread because of syntax errors. `None` if the file has no syntax errors.
     pub(super) doubts: Option<UncertainParts>,
 }
 

@@ -37,7 +37,8 @@ impl Parameters {
     }
 }
 
-/// Converts the numbers with units in the call of a node to plain numbers, if the units fit.
+/// Converts the numbers with units in the call of a node to plain numbers in the units of the node's fields. A number with an unsuitable
+/// unit becomes broken.
 pub fn in_plain_numbers(tree: &Tree, schema: &Json) -> Tree {
     let mut fitting = Resolver { parameters: None, owner: None, diagnostics: &mut Vec::new() };
     fitting.value(tree, Some(ExpectedValue::for_node("", schema)))

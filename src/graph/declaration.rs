@@ -26,7 +26,7 @@ pub struct Declaration {
     pub name: String,
     kind: String,
     pub(crate) default: Tree,
-    /// If the default is a `Draft`: the value for final results, then the value for drafts.
+    /// If the default is a `Draft`: its value for final results, then its value for drafts. `None` for any other default.
     pub(super) sides: Option<[Tree; 2]>,
     /// True if the default is an expression of other parameters.
     pub(super) is_derived: bool,
@@ -34,7 +34,7 @@ pub struct Declaration {
     max: Option<f64>,
     choices: Vec<String>,
     unit: Option<String>,
-    /// The position of the unit in the file.
+    /// The position, in the graph file, of the parameter's unit.
     pub(super) unit_span: Span,
     doc: String,
 }
@@ -213,7 +213,7 @@ impl Declaration {
         self.min.is_none_or(|min| min <= x) && self.max.is_none_or(|max| x <= max)
     }
 
-    /// Returns the value, if it has the declared type and is in range; otherwise returns a broken value.
+    /// Returns the default value, if it has the declared type and is in the declared range. Otherwise returns a broken value.
     pub(crate) fn value(&self, diagnostics: &mut Vec<LocalDiagnostic>) -> Tree {
         let tree = &self.default;
         if !tree.is_complete() {

@@ -42,7 +42,7 @@ pub struct Definition {
     pub ports: Vec<Port>,
     /// For each input, the properties that the graph requires of it.
     pub wants: Vec<Wants>,
-    /// The conditions in the file on the graph's values. Each node that uses the graph must satisfy them.
+    /// The expectations in the graph's file: conditions on values of the graph. They are tested for each node that uses the graph.
     pub(super) expect: Vec<BoundExpectation>,
     /// The JSON schema of the inputs and parameters, under their own names.
     pub(super) schema: Json,
@@ -129,11 +129,12 @@ pub struct ParsedNode {
     pub(crate) is_valid: bool,
     /// True for an input of the graph that may be omitted by a node that uses the graph.
     pub is_optional: bool,
-    /// The checked fields, for the default values of parameters; `None` if they have errors. Taken out when the node is built.
+    /// The checked fields, for the default values of parameters. `None` if the fields have errors, or after the node has been built.
     pub checked_fields: Option<CheckedFields>,
-    /// The node as it was built for the default values of parameters.
+    /// The node, built for the default values of parameters. `None` if it has not been built.
     pub(crate) built: Option<BuiltNode>,
-    /// Set if the number of elements of a `ForEach` is still unknown. This one node then represents all elements.
+    /// Data of a repeated node whose number of elements is still unknown, so that this one node represents all elements. `None` for other
+    /// nodes.
     pub(crate) repeat: Option<Repeat>,
 }
 
@@ -356,11 +357,11 @@ pub struct Elements {
 
 /// A link to one element of a `ForEach` whose number of elements is not known yet.
 pub struct Pick {
-    /// The index of the repeated node.
+    /// The index of the repeated node in the list of parsed nodes.
     pub(crate) of: usize,
     /// The number of the element, counted from 1.
     pub(crate) number: usize,
-    /// The type of the element's node.
+    /// The type of the node that computes the element.
     pub(crate) kind: String,
     pub(crate) outputs: Vec<String>,
 }

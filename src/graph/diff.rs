@@ -29,15 +29,15 @@ use crate::tree::{is_patch, join_path, show};
 pub struct Difference {
     /// The kind of entry: `node`, `parameter`, `input`, `output`, `use` or `graph`.
     pub what: &'static str,
-    /// The name of the entry, which is the new name if it was renamed. Empty for the graph itself.
+    /// The name of the entry. If the entry was renamed, its new name. Empty for the graph itself.
     pub name: String,
     /// The kind of the difference.
     pub change: Change,
     /// The dotted path of the field that differs. Empty if the whole entry differs.
     pub field: String,
-    /// The previous value, as text.
+    /// The previous value, as text. `None` if only the new graph has the entry or the field.
     pub before: Option<String>,
-    /// The new value, as text.
+    /// The new value, as text. `None` if only the old graph has the entry or the field.
     pub after: Option<String>,
     /// The names of the nodes that lead to the entry through used graphs, outermost first. Empty for an entry of the compared graphs
     /// themselves.
@@ -53,9 +53,9 @@ pub enum Change {
     Removed,
     /// The entry has another name in the new graph.
     Renamed,
-    /// A link leads to another output.
+    /// A link leads to another output than in the old graph.
     Rewired,
-    /// The value of a field differs.
+    /// The value of a field differs between the graphs.
     Changed,
 }
 

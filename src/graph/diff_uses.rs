@@ -63,7 +63,7 @@ impl Uses<'_> {
     }
 }
 
-/// Returns the difference for a used graph whose file is missing on one of the two sides.
+/// Returns the difference for a used graph whose file is missing for one of the two compared graphs.
 fn missing(name: &str, inside: &[String], is_there: [bool; 2]) -> Difference {
     let [before, after] = is_there.map(|is_there| {
         let word = if is_there { "found" } else { "missing" };

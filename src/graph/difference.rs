@@ -3,7 +3,7 @@
 use maquette_syntax::{FILE, LINK};
 use serde_json::Value as Json;
 
-/// Returns the path of the first parameter that differs, with its value before and now. Links and files are not parameters.
+/// Returns the path of the first parameter that differs, with its old and its new value. Links and files are not parameters.
 pub fn parameter_difference(before: &Json, now: &Json) -> Option<(Vec<String>, Json, Json)> {
     fn plain(json: &Json) -> bool {
         json.get(LINK).is_none() && json.get(FILE).is_none()

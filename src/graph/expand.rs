@@ -47,7 +47,8 @@ struct Values {
 struct RepeatedValues {
     /// For each element, the target of each of its outputs.
     elements: Vec<Vec<Target>>,
-    /// For each output, the targets of all elements. For a carried output, only the target of the last element.
+    /// For each output, the targets of all elements. For an output that is passed from element to element, only the target of the last
+    /// element.
     outputs: Vec<Vec<Target>>,
     /// True if the number of elements is still unknown, so that one example node represents them.
     is_open: bool,
@@ -72,8 +73,8 @@ impl Values {
 /// 10^10 nodes.
 const MAX_NODES: usize = 1_000_000;
 
-/// Expands a graph. If the graph is broken, returns `None`. If the values that are given to the parameters of used graphs cause errors,
-/// reports them and returns `None`.
+/// Expands a graph. Returns `None` if the graph is broken, or if the values that are given to the parameters of used graphs cause errors.
+/// Such errors are reported.
 pub(super) fn expand<'a>(
     world: &mut World<'a>,
     whole: &ParsedFile,
@@ -179,11 +180,11 @@ struct Expansion<'w, 'a> {
 /// The data in which a copy of a node differs from the parsed node.
 #[derive(Default)]
 struct Instance {
-    /// The name of the copy, if it is an element of a `ForEach`. Otherwise it has the name of the parsed node.
+    /// The name of an element of a `ForEach`. `None` for any other copy, which has the name of the parsed node.
     name: Option<String>,
     /// The targets that replace the links at some ports, as pairs of a port name and a target.
     links: Vec<(String, Target)>,
-    /// The field that receives the number of the element of a `ForEach`.
+    /// The field that receives the number of the element of a `ForEach`. `None` if no field does.
     number: Option<Field>,
 }
 

@@ -19,57 +19,57 @@ pub enum Expectation {
     /// The mesh can be printed: it is closed, manifold and free of self-intersections, its faces are oriented outward, and its walls are
     /// thick enough.
     Printable {
-        /// The mesh.
+        /// The mesh to test.
         of: String,
-        /// Minimum wall thickness in mm, measured from the middle of each face inward to the next face. If omitted, any thickness is
-        /// accepted.
+        /// Minimum allowed wall thickness in mm, measured from the middle of each face inward to the next face. If omitted, any thickness
+        /// is accepted.
         #[serde(default)]
         #[schemars(range(min = 0.0), extend("unit" = "mm"))]
         thickness: f64,
     },
     /// A count is in a range.
     Count {
-        /// The value.
+        /// The value in which to count.
         of: String,
         /// Quantity to count: vertices, edges, faces, components, boundary edges, border loops, Euler characteristic, cells, pixels.
         what: String,
-        /// Minimum count.
+        /// Minimum allowed count.
         #[serde(default)]
         min: Option<f64>,
-        /// Maximum count.
+        /// Maximum allowed count.
         #[serde(default)]
         max: Option<f64>,
     },
     /// All points of the value are in a box.
     Bounds {
-        /// The value.
+        /// The value to test.
         of: String,
-        /// Lowest coordinates, in mm.
+        /// Lowest allowed coordinates, in mm.
         #[schemars(extend("unit" = "mm"))]
         low: (f64, f64, f64),
-        /// Highest coordinates, in mm.
+        /// Highest allowed coordinates, in mm.
         #[schemars(extend("unit" = "mm"))]
         high: (f64, f64, f64),
     },
     /// All vertices are near another mesh or surface.
     Near {
-        /// The value.
+        /// The value to test.
         of: String,
-        /// The other mesh or surface.
+        /// The mesh or surface to which distances are measured.
         to: String,
-        /// Maximum distance in mm.
+        /// Maximum allowed distance in mm.
         #[schemars(range(min = 0.0), extend("unit" = "mm"))]
         max: f64,
-        /// Maximum root mean square of all distances in mm.
+        /// Maximum allowed root mean square of all distances in mm.
         #[serde(default)]
         #[schemars(range(min = 0.0), extend("unit" = "mm"))]
         rms: Option<f64>,
     },
     /// The mesh has no hole at a part of a capture: in the picture, no border of the mesh is near the part.
     Whole {
-        /// The mesh, with its texture coordinates in the capture's picture.
+        /// The mesh to test, with its texture coordinates in the capture's picture.
         of: String,
-        /// The part of the capture.
+        /// The part of the capture at which the mesh must have no hole.
         around: String,
         /// Width of the band around the part in which no border may be, in pixels of the picture.
         #[serde(default = "default_band")]
@@ -78,47 +78,47 @@ pub enum Expectation {
     },
     /// No edge of the mesh is sharp.
     Bend {
-        /// The mesh.
+        /// The mesh to test.
         of: String,
-        /// Maximum angle between the normals of two faces that share an edge, in degrees.
+        /// Maximum allowed angle between the normals of two faces that share an edge, in degrees.
         #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "deg"))]
         max: f64,
     },
     /// New faces, such as those of a filled hole, continue the adjacent old surface.
     Continuity {
-        /// The mesh.
+        /// The mesh to test.
         of: String,
-        /// The new part. If omitted, the vertex attribute `filled` marks it.
+        /// The new part of the mesh. If omitted, the vertex attribute `filled` marks the new part.
         #[serde(default)]
         around: Option<String>,
-        /// Maximum angle between the normals of a new face and an adjacent old face, in degrees.
+        /// Maximum allowed angle between the normals of a new face and an adjacent old face, in degrees.
         #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "deg"))]
         max: f64,
-        /// Maximum jump of the curvature across the border between new and old faces, as root mean square along the border, in 1/mm. If
-        /// omitted, any.
+        /// Maximum allowed jump of the curvature across the border between new and old faces, as root mean square along the border, in
+        /// 1/mm. If omitted, any jump is accepted.
         #[serde(default)]
         #[schemars(range(min = 0.0), extend("unit" = "1/mm"))]
         curvature: Option<f64>,
     },
     /// A vertex attribute, such as a curvature, is in a range everywhere.
     Attribute {
-        /// The mesh.
+        /// The mesh to test.
         of: String,
         /// The name of the attribute.
         name: String,
-        /// Minimum value.
+        /// Minimum allowed value of the attribute.
         #[serde(default)]
         min: Option<f64>,
-        /// Maximum value.
+        /// Maximum allowed value of the attribute.
         #[serde(default)]
         max: Option<f64>,
     },
     /// An output of a used graph has a property that the graph promises.
     #[serde(skip)]
     Promised {
-        /// The output.
+        /// The output to test.
         of: String,
-        /// The property.
+        /// The name of the promised property.
         property: String,
     },
 }
@@ -234,7 +234,7 @@ impl Expectation {
         }
     }
 
-    /// Returns the name as it is written in a file.
+    /// Returns the name of the condition as it is written in a file, such as `Closed`.
     pub fn name(&self) -> &str {
         match self {
             Self::Closed(_) => "Closed",

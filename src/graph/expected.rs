@@ -60,7 +60,8 @@ impl GraphExpectation {
         self.values.iter().flatten().map(|(node, _)| *node)
     }
 
-    /// Returns true if at least one node made from the used graph is needed. True for an expectation of the root graph.
+    /// Returns true for an expectation of the root graph. For an expectation of a used graph, returns true if at least one node that was
+    /// made from this used graph is needed.
     fn is_use_needed(&self, needed: &[bool]) -> bool {
         let Some(of) = &self.of else { return true };
         of.inside.clone().chain(of.givers.iter().copied()).any(|node| needed[node])
@@ -195,7 +196,7 @@ impl Check<'_, '_> {
         parsed_nodes: &[ParsedNode],
         names: &Names<'_>,
     ) -> Option<(usize, usize)> {
-        // The name of an output. An error of its link has been reported at the output.
+        // The value is named by an output. If the link of that output is invalid, the error has been reported at the output.
         if outputs.iter().any(|(key, _)| key.text() == Some(value)) {
             let port = ports.iter().find(|port| port.name == value);
             let file = files.iter().find(|file| file.name == value);

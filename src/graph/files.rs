@@ -73,7 +73,7 @@ impl ReadState {
 pub struct KnownFiles(Mutex<HashMap<PathBuf, ReadState>>);
 
 impl KnownFile {
-    /// Returns the hash of the content, if the file and its companions are unchanged.
+    /// Returns the hash of the content. `None` if the file or one of its companions has changed.
     pub fn hash(&self) -> Option<Hash> {
         self.as_read.is_unchanged(FileStat::read(&self.path)?).then_some(self.as_read.hash)
     }
@@ -97,7 +97,7 @@ impl FileStats {
     }
 
     /// Combines the metadata with `hash`, the hash of the file's content, so that a forecast can skip reading the file. Returns `None` for
-    /// a small file, for a file that has changed since, and if a later write to the file might not change its metadata.
+    /// a small file, and for a file that has changed since. Also returns `None` if a later write to the file might not change its metadata.
     pub fn into_known_file(self, hash: Hash) -> Option<KnownFile> {
         let (stamp, companions) = (self.own?, self.companions.into_inner());
         let all = companions.iter().filter_map(|(_, stamp)| *stamp).chain([stamp]);
@@ -290,7 +290,7 @@ fn size_with_companions(file: &NodeFile, readers: &Readers) -> u64 {
 
 /// Returns the paths of a file's companions, including those that are not in the folders `roots`.
 pub fn companion_paths(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec<PathBuf> {
-    // Files of other formats have no companions.
+    // Files of formats whose readers never refer to other files have no companions.
     if !readers.may_name(&extension(path)) {
         return Vec::new();
     }

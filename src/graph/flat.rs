@@ -30,7 +30,7 @@ pub struct GraphNode {
     pub links: Vec<Link>,
     /// The files that the node reads.
     pub files: Vec<NodeFile>,
-    /// The call as the file contains it, with parameters replaced by their values.
+    /// The call of the node as the file contains it, with parameters replaced by their values.
     pub(crate) tree: Arc<Tree>,
     pub outputs: Vec<&'static str>,
     /// The type of each output. `None` if the type depends on a port that has no link.
@@ -64,7 +64,7 @@ pub struct Link {
 /// An output file of a graph.
 #[derive(Clone)]
 pub struct GraphOutput {
-    /// The path relative to the output folder.
+    /// The path of the file relative to the output folder.
     pub name: String,
     pub node: usize,
     pub output: usize,
@@ -126,7 +126,7 @@ pub type Counts = BTreeMap<String, Count>;
 /// The result of counting the elements of a `ForEach`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Count {
-    /// The data have this number of elements.
+    /// The data are split into this number of elements.
     Of(usize),
     /// The data cannot be split into elements; contains the reason.
     Refused(String),
@@ -135,7 +135,7 @@ pub enum Count {
 /// A `ForEach` over data in a flat graph.
 #[derive(Clone, Debug)]
 pub struct Loop {
-    /// The name of the `ForEach`.
+    /// The name of the `ForEach` in the graph file.
     pub name: String,
     /// The node that splits the data into elements.
     pub node: usize,

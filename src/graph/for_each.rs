@@ -15,7 +15,7 @@ use crate::definition::Branches;
 pub(super) struct ForEachFields {
     pub(super) kind: Name,
     pub(super) over: ForEachSource,
-    /// The fields common to all elements.
+    /// The fields in `with` and `links`, which all elements share.
     pub(super) common: Vec<Field>,
     pub(super) carry: Vec<Field>,
     /// The input that receives the element, if the file names one.
@@ -37,7 +37,7 @@ pub(super) enum ForEachSource {
 }
 
 impl ForEachFields {
-    /// Returns the carried outputs, each with the link that the first element uses.
+    /// Returns the outputs that are passed from element to element, each with the link that the first element uses instead.
     pub(super) fn carried_outputs(&self) -> Vec<(String, Tree)> {
         self.carry.iter().map(|field| (name_of(&field.name.text), field.value.clone())).collect()
     }
@@ -257,7 +257,8 @@ impl Branches {
     /// Returns the index of the case whose name is the value `value`.
     ///
     /// # Errors
-    /// No case has that name. The error is the message and the word.
+    /// No case has that name. The error is a message, and the value as a word; the word is empty if the value is not a word, text, number
+    /// or truth value.
     pub(super) fn find_case(&self, value: &Tree) -> Result<usize, (String, String)> {
         let word = match &value.kind {
             Kind::Word(word) | Kind::Text(word) => word.clone(),

@@ -34,12 +34,12 @@ pub struct Graph {
     /// The inputs, if the graph has a section `inputs`. The outputs of such a graph are `ports`.
     pub(crate) inputs: Vec<GraphInput>,
     pub(crate) ports: Vec<GraphPort>,
-    /// The text of the file, for expanding the graph again without some optional inputs. `None` if it has no optional inputs, or if one of
-    /// them already has a value.
+    /// The text of the file, for expanding the graph again without some optional inputs. `None` if the graph has no optional inputs, or if
+    /// one of them already has a value.
     pub(crate) text: Option<Arc<GraphText>>,
     /// The expectations of the graph and of the graphs that it uses.
     pub(crate) expect: Arc<[GraphExpectation]>,
-    /// The schema of the inputs and parameters.
+    /// The JSON schema of the graph's inputs and parameters.
     pub(crate) schema: serde_json::Value,
     /// The entries that are written like nodes but were replaced by other nodes: used graphs, `ForEach` and `Switch`.
     pub(crate) uses: Arc<[GraphUse]>,
@@ -47,7 +47,7 @@ pub struct Graph {
     pub(crate) loops: Arc<[Loop]>,
     /// The names of all `ForEach` nodes over data whose number of elements is known.
     pub(crate) counted: BTreeSet<String>,
-    /// The data for expanding the graph again with other numbers of elements. `None` if it has no `ForEach` over data.
+    /// The data for expanding the graph again with other numbers of elements. `None` if the graph has no `ForEach` over data.
     pub(crate) stage: Option<Arc<Stage>>,
     /// What is known about the values of the graph's inputs.
     pub(crate) given: KnownInputs,

@@ -54,7 +54,7 @@ impl KnownProperties {
                     Origin::From(port) => {
                         let links = node.links.iter().enumerate();
                         let mut links = links.filter(|(_, link)| link.port == port).peekable();
-                        // Without links from this port, `all` would be trivially true. A guard of this node also makes a property certain,
+                        // Without links at this port, `all` would be trivially true. A guard of this node also makes a property certain,
                         // because guards are tested before the node runs.
                         links.peek().is_some()
                             && links.all(|(slot, link)| {
@@ -78,8 +78,8 @@ impl KnownProperties {
         (known, warnings)
     }
 
-    /// Removes the promises of graphs that are known to hold because of promises of their nodes. Warns about promises that cannot be kept,
-    /// once for all elements of a `ForEach`.
+    /// Removes those promises of graphs that are known to hold, because they follow from promises of the graphs' nodes. Warns about
+    /// promises that cannot be kept, once for all elements of a `ForEach`.
     pub(super) fn retain_open_promises(
         &self,
         expected: &mut Vec<GraphExpectation>,
@@ -140,7 +140,7 @@ impl Graph {
     pub fn link_name(&self, node: usize, output: usize) -> String {
         let GraphNode { name, outputs, .. } = &self.nodes[node];
         match (name.rsplit_once('/'), outputs.len()) {
-            // The name is that of the data of one element of a `ForEach`.
+            // The node splits data into the elements of a `ForEach`. Its outputs have names such as `spots/3/spot`.
             (Some((each, port)), _) if self.nodes[node].kind() == ELEMENTS => {
                 format!("{each}/{}/{port}", output + 1)
             }

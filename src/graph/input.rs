@@ -57,7 +57,7 @@ pub struct GraphInput {
 /// An output of a graph that has inputs. Its value is passed to the graph or program that uses this graph.
 #[derive(Clone, Debug)]
 pub struct GraphPort {
-    /// The name of the output.
+    /// The name of the output in the graph file.
     pub name: String,
     /// The type of the output's values. `None` if the type depends on an input.
     pub kind: Option<&'static ValueType>,

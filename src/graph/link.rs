@@ -158,8 +158,8 @@ impl<'a> Check<'_, 'a> {
         };
         match each.elements.last() {
             Some(&last) => Some(vec![(last, output)]),
-            // Without elements, a carried output has the value of the corresponding input. Limit the depth, because such links may form a
-            // cycle.
+            // Without elements, an output that is passed from element to element has the value of the corresponding input. Limit the depth,
+            // because such links may form a cycle.
             None if self.depth < MAX_CHAINED_LINKS => {
                 self.depth += 1;
                 let found =
@@ -289,7 +289,7 @@ impl<'a> Check<'_, 'a> {
         }
     }
 
-    /// Checks that each element of a repeated node accepts the carried outputs of the previous element.
+    /// Checks that each element of a repeated node accepts the outputs that the previous element passes on.
     fn check_carried(&mut self, parsed: &ParsedNode) {
         let Some(repeat) = &parsed.repeat else { return };
         let (name, kind, outputs) = (&parsed.name.text, parsed.what.kind(), parsed.what.outputs());

@@ -75,7 +75,7 @@ impl Check<'_, '_> {
     }
 
     /// Adds a fix to each error about a port without a link, if exactly one value of the graph has the required type and does not depend on
-    /// the node. Only errors that will be shown are considered, because each is compared with all values.
+    /// the node with the port. Only errors that will be shown are considered, because each of them is compared with all values.
     pub(super) fn suggest_missing_links(
         &mut self,
         parsed_nodes: &[ParsedNode],

@@ -195,7 +195,7 @@ fn lock_error((source, span): (Arc<Source>, Span), message: String, help: String
 }
 
 impl World<'_> {
-    /// Returns the current state of a used graph.
+    /// Returns the current state of a used graph. `None` if its file cannot be read.
     fn locked_graph(&self, path: &Path, real: &Path) -> Option<LockedGraph> {
         let text = with_plain_ends(&self.options.text(path).ok()?);
         Some(LockedGraph { version: self.version_of(real), text })

@@ -34,7 +34,7 @@ pub(super) const MAX_STEPS: usize = 100;
 /// A node call in a graph file: its type and its groups of fields. A `ForEach` has several groups of fields for the type that it repeats.
 struct Call<'t> {
     kind: Name,
-    /// True if the type is written as a text, as in a `ForEach`.
+    /// True if the type is written as a string in quotes, as in a `ForEach`.
     is_text: bool,
     groups: Vec<&'t Tree>,
 }
@@ -205,7 +205,7 @@ fn rewrite_value(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) 
                     rewrite_value(&old.value, &new.value, text, splices);
                 }
             }
-            // Here the migration moved the field into a group of fields.
+            // Here the migration moved the field into a new group of fields.
             (None, [inner]) => {
                 fn empty_span(at: usize) -> Span {
                     Span { start: at, end: at }

@@ -343,7 +343,7 @@ fn set_field(tree: &mut Tree, path: &str, value: &Tree) {
         None => (path, None),
     };
     if is_draft(tree) && !is_side(name) {
-        // Set the value on both sides, so that it applies to drafts and final results.
+        // The value is a `Draft`. Set both of its sides, so that the new value applies to drafts and final results.
         if let Kind::Call { body: Body::Fields(sides), .. } = &mut tree.kind {
             sides.iter_mut().for_each(|side| set_field(&mut side.value, path, value));
         }

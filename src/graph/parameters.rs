@@ -40,7 +40,8 @@ pub(super) struct ResolvedValue {
     pub(super) unit: Unit,
     /// The value as messages name it, such as `Param("near")`.
     pub words: String,
-    /// If the unit comes from a declaration elsewhere in the file: the position of the declaration, and a text for the message.
+    /// The position of the declaration that states the unit, and a text for the message. `None` if the unit does not come from a
+    /// declaration.
     pub(super) note: Option<(Span, String)>,
 }
 
@@ -76,7 +77,7 @@ impl Parameters {
             derived.filter(|declared| is_parametric(&declared.default)).cloned().collect();
         let mut others = Self { draft: !draft, ..parameters.clone() };
         let has_sides = declarations.iter().any(|declared| has_draft(&declared.default));
-        // Report errors of the other side of each `Draft` too, unless the current side has the same errors.
+        // Also report errors of the other side of each `Draft` (draft or final value), unless the current side has the same errors.
         let (mut known, mut other_findings) = (Vec::new(), Vec::new());
         for &at in &order.indices {
             let declared = &mut declarations[at];
@@ -185,7 +186,7 @@ impl Parameters {
         Some((*span, format!("`{name}` is in {unit}")))
     }
 
-    /// Evaluates a `Param` or an `Expr`. Reports errors, and returns a broken value for them.
+    /// Evaluates a `Param` or an `Expr`. If there are errors, reports them and returns a broken value.
     pub(super) fn resolve(
         &self,
         tree: &Tree,
@@ -299,7 +300,8 @@ impl Parameters {
     }
 }
 
-/// Adds the origin of a parameter's default to one side of it. Returns a broken value if `side` is `None`.
+/// Adds the origin of a parameter's default, which is a `Draft`, to `side`, one of its two values. Returns a broken value if `side` is
+/// `None`.
 fn of_side(side: Option<&Tree>, default: &Tree) -> Tree {
     match (side, &default.origin) {
         (None, _) => Tree::new(default.span, Kind::Broken),

@@ -189,7 +189,7 @@ impl Check<'_, '_> {
         Some(source_map)
     }
 
-    /// Migrates those nodes of the patched graph that the patch changes to current names. The patch can then use both the old and the new
+    /// Migrates to current names those nodes of the patched graph that the patch changes. The patch can then use both the old and the new
     /// name of a field.
     fn migrate_nodes(
         &mut self,
@@ -278,7 +278,7 @@ impl Check<'_, '_> {
         self.report(code::BAD_NAME, key.span, message, "");
     }
 
-    /// Returns the text of the patched graph. If that is a patch too, returns its result.
+    /// Returns the text of the patched graph. If the patched graph is a patch too, returns the text of the graph that results from it.
     fn base_source_map(&mut self, given: &str, span: Span) -> Option<Arc<SourceMap>> {
         let own = self.source_map.clone();
         let found = self.enter(given, span)?;

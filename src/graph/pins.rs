@@ -31,7 +31,7 @@ pub const PINNED: &str = "Pinned";
 #[derive(Default)]
 pub struct Pins {
     pub pins: BTreeMap<String, Pin>,
-    /// The folder that contains the stored values.
+    /// The folder that contains the stored values of all pinned nodes.
     pub folder: PathBuf,
     /// The file that lists the pins, for diagnostics.
     source: Arc<Source>,

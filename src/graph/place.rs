@@ -86,7 +86,7 @@ pub fn place_value(
     put(entry, &path.split('.').collect::<Vec<_>>())
 }
 
-/// Returns the edits for a target inside of one value.
+/// Returns the edits that set a part of one value, such as a field of a node call.
 fn in_call(
     text: &str,
     entry: &Tree,

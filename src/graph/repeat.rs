@@ -182,7 +182,7 @@ impl Check<'_, '_> {
         Some(count)
     }
 
-    /// Evaluates the maximum number of elements.
+    /// Evaluates the maximum number of elements of a `ForEach`.
     pub(super) fn max_elements(
         &mut self,
         most: Option<&Tree>,

@@ -74,7 +74,7 @@ impl Requirement {
 }
 
 impl UnmetRequirement {
-    /// Describes the violation in words.
+    /// Describes in words how the value violates the property.
     pub fn in_words(&self) -> String {
         format!(
             "is not {}, as required by {}: it {}",

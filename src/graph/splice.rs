@@ -273,7 +273,7 @@ pub fn without_blank_lines(text: &str, cut: Span, open: usize, close: usize) -> 
     Span { start, end }
 }
 
-/// Sorts spans, and merges spans that touch.
+/// Sorts spans, and merges spans that touch or overlap.
 fn merge_spans(mut spans: Vec<Span>) -> Vec<Span> {
     spans.sort_unstable();
     let mut merged: Vec<Span> = Vec::with_capacity(spans.len());
@@ -288,7 +288,7 @@ fn merge_spans(mut spans: Vec<Span>) -> Vec<Span> {
 
 /// The text that follows a part of a value, up to the end of the line.
 pub struct Tail {
-    /// The offset of the comma after the part.
+    /// The offset of the comma after the part. `None` if no comma follows.
     pub comma: Option<usize>,
     /// The end of the line on which the part or its comma ends, including comments on that line.
     pub line_end: usize,

@@ -10,7 +10,7 @@ use super::dependencies::Dependencies;
 /// The names, hashes and dependencies of the nodes of a graph, without the nodes themselves.
 #[derive(Debug)]
 pub struct Topology {
-    /// The names of the nodes.
+    /// The names of the nodes, in the order of the graph.
     pub names: Arc<[String]>,
     /// For each node, a hash of its name, its recipe and its links.
     pub identities: Arc<[Hash]>,

@@ -60,7 +60,7 @@ pub fn show(tree: &Tree) -> String {
     }
 }
 
-/// Returns true if a file contains `Patch(..)`.
+/// Returns true if the outermost value of a file is `Patch(..)`.
 pub fn is_patch(tree: &Tree) -> bool {
     tree.name().is_some_and(|name| name.text == "Patch")
 }

@@ -16,10 +16,10 @@ use super::check::Check;
 use super::recipe::Recipe;
 use crate::definition::BuiltNode;
 
-/// Replaces a node of an unknown type, and fails when it is evaluated. Contains the diagnostic of the check.
+/// Replaces a node of an unknown type, and fails when it is evaluated. Contains the diagnostic that reported the type, if there is one.
 struct UnknownNode(Option<Diagnostic>);
 
-/// The error of evaluating a node of an unknown type. Contains the diagnostic of the check.
+/// The error of evaluating a node of an unknown type. Contains the diagnostic that reported the type, if there is one.
 #[derive(Debug, thiserror::Error)]
 #[error("no pack has a node of this type")]
 pub struct UnknownType(pub Option<Diagnostic>);

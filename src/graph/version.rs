@@ -10,7 +10,7 @@ use super::definition::Definition;
 /// An entry of the section `use`.
 pub(super) struct UseEntry<'t> {
     pub(super) path: &'t str,
-    /// The position of `path` in the file.
+    /// The position of `path` in the file that contains the entry.
     pub(super) span: Span,
     pub(super) version: Option<VersionRequirement<'t>>,
 }

@@ -7,7 +7,7 @@ use super::{declaration, expectation, expression, for_each, header, patch, subgr
 
 /// A keyword or field name of graph files.
 pub struct Word {
-    /// The help topic that explains the word.
+    /// The topic of `maquette help` that explains the word.
     pub topic: &'static str,
     /// The call or field that contains the word. Empty if the word can occur anywhere.
     pub within: String,

@@ -13,13 +13,13 @@ use crate::error::{Position, Span};
 struct OpenBracket {
     kind: SyntaxKind,
     at: Span,
-    /// The offset at which the current part of the bracket's content begins: a field, entry or item.
+    /// The offset at which the current field, entry or item inside of the bracket begins. `None` if no part has begun.
     part: Option<usize>,
     has_names: bool,
-    /// The number of complete parts that have no name.
+    /// The number of complete parts inside of the bracket that have no name.
     items: usize,
-    /// True if the first part is a string without a name, and fields may follow. Examples are `Graph("lib.ron", version: "1.0")` and, in
-    /// sweeps, `picture: ("model.glb", zoom: 2)`.
+    /// True if the first part inside of the bracket is a string without a name, and fields may follow. Examples are `Graph("lib.ron",
+    /// version: "1.0")` and, in sweeps, `picture: ("model.glb", zoom: 2)`.
     is_of_text: bool,
 }
 
@@ -48,7 +48,7 @@ impl OpenBracket {
 /// The missing, wrong and surplus brackets of a text.
 pub(super) struct Brackets<'t> {
     repair: &'t Repair,
-    /// The text before it was repaired.
+    /// The text of the file before it was repaired.
     text: &'t str,
     tokens: Vec<(SyntaxKind, Span)>,
     pub(super) edits: Vec<Edit>,
@@ -189,7 +189,7 @@ impl<'t> Brackets<'t> {
         is_other_order && self.is_consistent(self.open.len() - 2, index + 2)
     }
 
-    /// Returns true if the tokens with index `from` and greater make sense while the first `open` brackets are open.
+    /// Returns true if the tokens with index `from` and greater can be read correctly while only the `open` outermost brackets are open.
     fn is_consistent(&self, mut open: usize, from: usize) -> bool {
         for (index, &(kind, _)) in self.tokens.iter().enumerate().skip(from) {
             let last = open.checked_sub(1).map(|last| &self.open[last]);
@@ -222,7 +222,7 @@ impl<'t> Brackets<'t> {
             if open.kind != SyntaxKind::LBrace && self.open.len() > 1 {
                 self.doubtful.push(Span { start: part.unwrap_or(open.at.start), end: at });
             }
-            // If the end of the text is missing, many brackets are open. Report only one error.
+            // If the end of the text is missing, many brackets are open. Report an error for only one of them.
             if found.is_none() && known < self.errors.len() {
                 continue;
             }

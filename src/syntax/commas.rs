@@ -61,7 +61,7 @@ fn apply_edits(text: &str, edits: Vec<(Span, &str)>) -> String {
 struct CommaStyle {
     /// The spaces after the leading commas, by the path of the group. `None` if the commas of the group are trailing.
     groups: BTreeMap<Vec<String>, Option<String>>,
-    /// The style of groups that an edit adds. `None` for trailing commas.
+    /// The spaces after leading commas in groups that an edit adds. `None` if such groups get trailing commas.
     other: Option<String>,
 }
 
@@ -123,7 +123,7 @@ pub fn edit_with_trailing_commas<E>(
 /// The state of a group while its bracket is open.
 #[derive(Default)]
 struct Group {
-    /// The comma after the last value, and the end of that value.
+    /// The span of the comma after the last value, and the end of that value. `None` if no comma has followed the last value yet.
     comma: Option<(Span, usize)>,
     /// The name of the current value; empty if it has none.
     name: String,

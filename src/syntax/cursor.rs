@@ -44,11 +44,11 @@ pub struct TypedToken {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TypedKind {
-    /// There is no token at the position.
+    /// There is no token at the position, only space.
     Nothing,
     /// The token is a word or a number.
     Word,
-    /// The token is a string in quotes.
+    /// The token is a string.
     Text,
     Comment,
 }

@@ -13,7 +13,7 @@ use serde_json::json;
 #[derive(Clone)]
 pub struct Error {
     cause: Arc<dyn std::error::Error + Send + Sync>,
-    /// The name of the file that caused the error.
+    /// The name of the file that caused the error. `None` if the error is not about a file.
     file: Option<Arc<str>>,
 }
 
@@ -68,7 +68,7 @@ impl From<Error> for Box<dyn std::error::Error> {
     }
 }
 
-/// An error that consists of a message.
+/// An error that has only a message.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 struct MessageError(String);
@@ -241,9 +241,9 @@ pub fn merge_diagnostics(mut checked: Vec<Diagnostic>, run: Vec<Diagnostic>) -> 
 
 /// The codes of diagnostics. Each code must keep its meaning forever.
 pub mod code {
-    /// The text is not RON.
+    /// The text of a file is not RON.
     pub const SYNTAX: &str = "G001";
-    /// The format version is unknown.
+    /// The program does not know the format version of the file.
     pub const FORMAT: &str = "G002";
     /// The node type is not in any pack.
     pub const UNKNOWN_NODE: &str = "G003";
@@ -257,21 +257,21 @@ pub mod code {
     pub const UNKNOWN_LINK: &str = "G007";
     /// Nodes depend on each other in a cycle.
     pub const CYCLE: &str = "G008";
-    /// A value has the wrong kind.
+    /// A field has a value of the wrong kind, such as a text instead of a number.
     pub const WRONG_VALUE: &str = "G009";
-    /// A value is out of its range.
+    /// A number is out of the range that its field allows.
     pub const OUT_OF_RANGE: &str = "G010";
     /// A parameter or an expression cannot be computed.
     pub const EXPRESSION: &str = "G011";
     /// A link leads to a value of a wrong type.
     pub const WRONG_TYPE: &str = "G012";
-    /// A file does not exist.
+    /// A file that a node reads, or that a graph uses, does not exist.
     pub const MISSING_FILE: &str = "G013";
-    /// A path leads outside of the project.
+    /// The path of a file leads outside of the project.
     pub const OUTSIDE: &str = "G014";
     /// No file format can hold the value of an output.
     pub const OUTPUT_FORMAT: &str = "G015";
-    /// A node returned an error.
+    /// A node returned an error when it was evaluated.
     pub const FAILED: &str = "G016";
     /// A node returned a warning about its result.
     pub const WARNING: &str = "G017";
@@ -281,7 +281,7 @@ pub mod code {
     pub const NOT_PURE: &str = "G019";
     /// An expectation of the graph or of a test is not met.
     pub const EXPECTED: &str = "G020";
-    /// No output depends on the node.
+    /// No output or expectation depends on the node.
     pub const UNUSED: &str = "G021";
     /// A used graph has a different version than required.
     pub const VERSION: &str = "G030";

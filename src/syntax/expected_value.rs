@@ -24,7 +24,7 @@ impl<'a> ExpectedValue<'a> {
         Self { field: name.into(), schema: Cow::Borrowed(schema), unit: None, root: schema }
     }
 
-    /// Returns the expected value of a field.
+    /// Returns the expected value of one of this value's fields. `None` if there is no such field.
     pub fn field(&self, name: &str) -> Option<Self> {
         let field = Cow::Owned(name.to_owned());
         self.step(field, None, |schema| schema.get("properties")?.get(name))
@@ -69,7 +69,7 @@ impl<'a> ExpectedValue<'a> {
         self.schema.get("type").and_then(Json::as_str) == Some("integer")
     }
 
-    /// Returns true if the value is a tuple of numbers, such as a vector.
+    /// Returns true if the expected value is a tuple of numbers, such as a vector.
     pub fn is_tuple(&self) -> bool {
         fn count(name: &str, schema: &Json) -> Option<u64> {
             schema.get(name).and_then(Json::as_u64)
@@ -80,7 +80,7 @@ impl<'a> ExpectedValue<'a> {
         is_fixed && self.item(0).is_some_and(|item| item.is_number())
     }
 
-    /// Selects a part of the schema that belongs to the same field.
+    /// Returns the expected value for the part of the schema that `pick` selects. The part belongs to the same field.
     fn descend(&self, pick: impl Fn(&Json) -> Option<&Json>) -> Option<Self> {
         self.step(self.field.clone(), self.unit.as_ref(), pick)
     }

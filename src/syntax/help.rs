@@ -77,7 +77,8 @@ impl Help {
         self.text.is_empty()
     }
 
-    /// Returns the edits that fix the diagnostic at `span`. Empty if there is no fix, or if it is ambiguous.
+    /// Returns the edits that fix the diagnostic at `span`. Empty if there is no fix, or if the name to be replaced does not occur exactly
+    /// once at `span`.
     pub(crate) fn edits(&self, text: &str, span: Span) -> Vec<(Span, String)> {
         match self.fix.as_deref() {
             None | Some(Fix::Link { .. }) => Vec::new(),

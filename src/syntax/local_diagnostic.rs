@@ -29,7 +29,7 @@ impl LocalDiagnostic {
     /// Adds the file and the severity: a warning for [`code::OUTDATED`], an error for all other codes.
     pub fn into_diagnostic(self, source: &Arc<Source>) -> Diagnostic {
         let Self { code, span, message, help, note } = self;
-        // Files with an outdated name still work.
+        // Outdated names still work, so they cause only a warning.
         let severity = if code == code::OUTDATED { Severity::Warning } else { Severity::Error };
         Diagnostic {
             fix: help.edits(&source.text, span),

@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 
 use crate::error::Span;
 
-/// Formats data as a line with the comment, followed by `NAME(..)`. Values nested deeper than `depth` are written on one line.
+/// Formats data as a line with a comment, followed by `NAME(..)`. Values nested deeper than `depth` are written on one line.
 pub fn format_plain_data(comment: &str, name: &str, depth: usize, data: &impl Serialize) -> String {
     let config = PrettyConfig::new().new_line("\n").depth_limit(depth).escape_strings(false);
     let text =

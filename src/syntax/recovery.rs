@@ -43,7 +43,7 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
         .iter()
         .any(|it| [UNTERMINATED_STRING, UNTERMINATED_COMMENT].contains(&&it.message[..]));
     if !strings.is_empty() && !is_unterminated {
-        // The other errors are consequences of the missing quotes, so drop them.
+        // All errors other than the missing quotes are consequences of these, so drop them.
         errors = strings.iter().map(|(string, _)| missing_quote_error(*string)).collect();
     }
     let quotes: Vec<_> = strings.iter().map(|(_, edit)| edit.clone()).collect();
@@ -69,7 +69,7 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
     let is_hidden = !is_unterminated && (!quotes.is_empty() || !brackets.is_empty());
     let hidden = if is_hidden { parse(&repair.text).1 } else { Vec::new() };
     let Separators { edits, doubtful, strange } = Separators::analyze(&repair.text);
-    // Of the errors in the repaired text, keep those at positions that `edits` fix. The others are consequences of them.
+    // Of the errors in the repaired text, keep those at positions that `edits` fix. All other errors there are consequences of these.
     fn first_affected(edit: &Edit, repair_text: &str) -> usize {
         let rest = &repair_text[edit.0.start..];
         repair_text.len() - rest.trim_start().len()
@@ -91,7 +91,7 @@ pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
     let narrow: Vec<_> = doubtful.iter().map(|span| repair.source_span(*span)).collect();
     repair.apply(&edits);
     let (mut tree, left) = parse(&repair.text);
-    // Unexpected tokens are left over if a bracket was inserted at a wrong position. The recovery has then failed.
+    // Unexpected tokens are left over if a repair has inserted a bracket at a wrong position. The recovery has then failed.
     if tree.is_broken() || MAX_ERRORS < left.len() {
         return None;
     }

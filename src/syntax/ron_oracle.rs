@@ -6,8 +6,8 @@ use ::ron::Value;
 
 use super::{Body, Kind, Tree, parse};
 
-/// Returns true if `ron` has read the same value. Names of calls and bare words are not compared, because `ron` does not keep them in
-/// untyped values.
+/// Returns true if the value that `ron` has read equals the value `tree` that the parser has read. Names of calls and bare words are not
+/// compared, because `ron` does not keep them in untyped values.
 fn is_same(tree: &Tree, value: &Value) -> bool {
     fn all_same(items: &[Tree], values: &[Value]) -> bool {
         items.len() == values.len() && items.iter().zip(values).all(|(a, b)| is_same(a, b))

@@ -48,7 +48,7 @@ pub struct FoundFile {
     pub at: Span,
     pub given: String,
     pub resolved: PathBuf,
-    /// The file and position in which the path is written, if it comes from a file other than that of the node.
+    /// The file and position in which the path is written. `None` if the path is written in the file of the node.
     pub from: Option<ExternalOrigin>,
     /// The error message and the help, if the node does not read files with this extension. Otherwise `None`.
     pub extension_error: Option<(String, String)>,
@@ -152,7 +152,7 @@ impl Walk<'_> {
             tree.describe()
         );
         let help = match (&tree.kind, wanted) {
-            // Applies only if the field itself contains the text, not if the text is the default of a parameter.
+            // Suggest `Param(..)` only if the field itself contains the text, not if the text is the default of a parameter.
             (Kind::Text(text), _) if wanted.starts_with("a number") && tree.origin.is_none() => {
                 format!(
                     "parameters take values; for a parameter of the graph write Param(\"{text}\")"

@@ -26,7 +26,7 @@ pub struct SourceMap {
 pub struct TextPart {
     /// The span of the part in the complete text.
     pub span: Span,
-    /// The file from which the part comes.
+    /// The file from which the part of the text comes.
     pub source: Arc<Source>,
     pub start: usize,
     pub folder: PathBuf,
@@ -49,7 +49,7 @@ impl SourceMap {
         };
         let length = span.end.min(part.span.end).saturating_sub(span.start);
         let start = part.start + (span.start - part.span.start.min(span.start));
-        // Extend the span to its own end if the end is in another part of the same file.
+        // If the last byte of the span is in another part that comes from the same file, the result extends to that byte.
         let end = match self.part(span.end.saturating_sub(1)) {
             Some(last) if Arc::ptr_eq(&last.source, &part.source) && last.start >= part.start => {
                 last.start + span.end.saturating_sub(last.span.start)

@@ -20,7 +20,7 @@ pub struct Tree {
 pub enum Origin {
     /// The default of the parameter, at this span of the same file.
     Default(Span),
-    /// The command-line option `--set` with this text.
+    /// The command-line option `--set` with this text as its argument.
     Set(String),
     /// Another file, from which the value was passed on to the file that uses it.
     External(ExternalOrigin),
@@ -30,14 +30,14 @@ pub enum Origin {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExternalOrigin {
     pub source_map: Arc<SourceMap>,
-    /// The span of the value in `source_map`.
+    /// The position of the value, as a span in `source_map`.
     pub span: Span,
-    /// The text of the option `--set`, if the value comes from such an option.
+    /// The text of the option `--set`. `None` if the value does not come from such an option.
     pub set: Option<String>,
 }
 
 impl ExternalOrigin {
-    /// Formats the location: `graphs/face.ron:9:30`.
+    /// Formats the origin for messages: the position `graphs/face.ron:9:30`, or the option `--set` from which the value comes.
     pub fn location(&self) -> String {
         match &self.set {
             Some(set) => format!("`--set {set}`"),
@@ -59,9 +59,9 @@ pub enum Kind {
     Word(String),
     /// A call, `Name(..)`, or parentheses without a name, `(..)`.
     Call { name: Option<Name>, body: Body },
-    /// A list, `[..]`.
+    /// A list `[..]`, as its items.
     List(Vec<Tree>),
-    /// A map, `{..}`, as keys and values.
+    /// A map `{..}`, as its keys and values.
     Map(Vec<(Tree, Tree)>),
     /// A value with a syntax error, which has already been reported.
     Broken,

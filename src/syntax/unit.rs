@@ -88,13 +88,14 @@ impl Unit {
         })
     }
 
-    /// Returns the index and the exponent of the unit of a measure. `None` if the unit does not contain that measure.
+    /// Returns the factor of the unit that has the given measure, such as length: the index of a known unit, and its exponent. `None` if no
+    /// factor has this measure.
     fn factor(self, measure: Measure) -> Option<(usize, i32)> {
         let mut places = (0..KNOWN_UNITS.len()).filter(|&place| KNOWN_UNITS[place].1 == measure);
         places.find(|&place| self.0[place] != 0).map(|place| (place, self.0[place]))
     }
 
-    /// Replaces each known unit by the unit of the same measure in `other`. Keeps it if `other` does not contain that measure.
+    /// Replaces each known unit by the unit of the same measure in `other`. Keeps a unit whose measure `other` does not contain.
     fn in_units_of(mut self, other: Self) -> Self {
         for measure in MEASURES {
             if let (Some((own, exponent)), Some((wanted, _))) =

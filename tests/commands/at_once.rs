@@ -25,7 +25,7 @@ fn project() -> Project {
     project
 }
 
-/// Starts one process for each number and then waits for all of them.
+/// Starts one process for each number below `COUNT`, and then waits for all of them. `words` returns the arguments of a process.
 fn at_once(project: &Project, words: impl Fn(usize) -> Vec<String>) {
     let started: Vec<Child> = (0..COUNT)
         .map(|k: usize| {

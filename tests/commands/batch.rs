@@ -57,7 +57,7 @@ fn ran(document: &Json) -> Vec<String> {
     names(document, |task| task["ran"] == true)
 }
 
-/// Returns the hash of each output of each task.
+/// Returns the hash of each output of each task, from the JSON document of a batch.
 fn hashes(document: &Json) -> BTreeMap<String, String> {
     let mut hashes = BTreeMap::new();
     for task in document["tasks"].as_array().unwrap() {
@@ -104,7 +104,7 @@ fn each_with_each_and_one_with_another() {
     }
 }
 
-/// Returns the names of the tasks that have a record.
+/// Returns the names of the tasks for which a record file exists.
 fn read_records(folder: &Path) -> BTreeSet<String> {
     fn collect(folder: &Path, found: &mut Vec<PathBuf>) {
         for entry in fs::read_dir(folder).into_iter().flatten() {
@@ -138,7 +138,7 @@ fn a_killed_run_loses_nothing_that_was_done() {
     let moments = if is_thorough() { 20 } else { 8 };
     for moment in 0..moments {
         fs::remove_dir_all(project.folder().join("all")).unwrap();
-        // In every second round, the results are removed from the cache, too.
+        // In every second round, also remove the results from the cache.
         if moment % 2 == 0 {
             assert!(project.maquette(&["cache", "clear"]).status.success() || moment == 0);
         }
@@ -170,7 +170,7 @@ fn any_number_of_tasks_at_a_time_gives_the_same() {
         assert_eq!((code, ran(&several).len()), (Some(0), 6));
         assert_eq!(hashes(&several), hashes(&one));
     }
-    // A farm runs the tasks one by one, in any order, and makes the page from their results at the end.
+    // A render farm runs the tasks one by one, in any order, and makes the report page from their results at the end.
     fs::remove_dir_all(project.folder().join("all")).unwrap();
     assert_eq!(batch(&project, &["--warm"]).0, Some(0));
     for range in ["4-5", "1", "2-3", "0"] {

@@ -55,7 +55,7 @@ fn sizes_are_told_by_node_and_graph() {
         assert_eq!((&size["graph"], &size["results"]), (&graph.clone().into(), &1.into()));
         assert!(size["bytes"].as_u64().unwrap() > 100, "{size}");
     }
-    // The result of the first run does not belong to the current graph anymore, but its node type is known.
+    // The result of the first run belongs to an older version of the graph, but its node type is known.
     let older = nodes.iter().find(|it| it["graph"].is_null()).unwrap();
     assert_eq!((&older["type"], &older["results"]), (&"Transform".into(), &1.into()), "{text}");
     fn bytes(value: &Json) -> u64 {
@@ -142,7 +142,7 @@ fn replace_bytes(bytes: &[u8], old: &str, new: &str) -> Vec<u8> {
     all
 }
 
-/// Returns the hash of the value of the node `lifted`.
+/// Returns the hash of the value of the node `lifted`, computed with this value of the parameter `lift`.
 fn hash(project: &Project, lift: &str) -> String {
     project.hash("lifted", &[&format!("lift={lift}")])
 }

@@ -7,7 +7,7 @@ use std::process::Output;
 use crate::output::text_of;
 use crate::project::{GRAPHS, Project};
 
-/// A project whose cache has the doll's results. The commands run in the folder of the example graphs.
+/// A project whose cache has the results of the example graph `doll.ron`. The commands run in the folder of the example graphs.
 struct Cache(Project);
 
 impl Cache {
@@ -63,8 +63,8 @@ impl Cache {
         files
     }
 
-    /// Checks that the doctor finds these damaged files, only reports them in a dry run, and repairs them. Then nothing is damaged anymore,
-    /// and a run gives the results from before.
+    /// Checks that the doctor finds exactly the damaged files `wrong`, only reports them in a dry run, and repairs them otherwise. After
+    /// the repair nothing is damaged, and a run gives the results `before`.
     fn is_mended(&self, wrong: &[&Path], before: &[(String, Vec<u8>)]) {
         let all = self.files("");
         let (code, told) = self.doctor(&["--dry-run"]);
@@ -102,7 +102,7 @@ fn a_cache_that_is_well_stays_as_it_is() {
     let all = cache.files("");
     let (code, told) = cache.doctor(&[]);
     assert_eq!((code, told["faults"].as_array().unwrap().len()), (Some(0), 0), "{told:#}");
-    // The `CACHEDIR.TAG` file marks the folder as a cache and is not counted.
+    // The number of files does not include `CACHEDIR.TAG`, which marks the folder as a cache.
     assert_eq!(told["files"], all.len() - 1);
     assert_eq!(cache.files(""), all);
     assert!(cache.run().0.contains("15 nodes: 15 cached"));

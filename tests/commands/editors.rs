@@ -23,7 +23,7 @@ pub(crate) const SEQUENCES: [(&str, Save); 12] = [
     ("in two pieces", two_pieces),
 ];
 
-/// Commands of the installed programs that save `doll.ron`: they replace `OLD` by `NEW` or copy `wanted.txt`.
+/// Commands of the installed programs that save `doll.ron`: the programs replace `OLD` by `NEW`, or copy `wanted.txt`.
 pub(crate) fn programs() -> Vec<(&'static str, &'static str)> {
     let all = [
         ("vim", "vim -es -u NONE -c '%s/OLD/NEW/' -c wq doll.ron"),

@@ -63,7 +63,7 @@ fn a_run_killed_at_any_moment_leaves_whole_files_and_a_right_cache() {
     let mut state = 0x9e37_79b9_7f4a_7c15;
     let rounds = if is_thorough() { 200 } else { 60 };
     for round in 0..rounds {
-        // Some rounds begin with an empty cache, so their process is killed while it computes and while it writes the cache.
+        // Some rounds begin with an empty cache, so that their process is killed while it computes or writes the cache.
         if round % 20 == 0 && cache.path().exists() {
             fs::remove_dir_all(cache.path()).unwrap();
         }

@@ -51,7 +51,7 @@ fn scan(project: &Project, name: &str) {
     project.write(&format!("scans/{name}.obj"), BALL);
 }
 
-/// Emits the batch for an engine and returns the job.
+/// Emits a batch as a job for a job engine, and returns the job.
 fn emit_job(project: &Project, engine: &str) -> String {
     let output = project.maquette(&["batch", "s.sweep.ron", "--emit", engine]);
     assert!(output.status.success(), "{}", stderr_of(&output));
@@ -71,7 +71,7 @@ fn shell(project: &Project, command: &str) -> Output {
     run(project, "bash", &["-c", command])
 }
 
-/// Returns the names of the tasks that have a record.
+/// Returns the names of the tasks for which a record file exists.
 fn records(project: &Project) -> BTreeSet<String> {
     let files = fs::read_dir(project.folder().join("out/s.sweep/tasks")).unwrap();
     let names = files.map(|file| file.unwrap().file_name().to_string_lossy().into_owned());
@@ -136,7 +136,7 @@ fn succeeds(project: &Project, commands: &[Vec<String>]) {
     }
 }
 
-/// Runs commands and checks that each is refused and reports the added scan.
+/// Runs commands of an outdated job: a scan was added after the job was emitted. Checks that each command fails and reports the added scan.
 fn refuse(project: &Project, commands: &[Vec<String>]) {
     for command in commands {
         let words = Vec::from_iter(command[1..].iter().map(String::as_str));
@@ -174,7 +174,7 @@ fn a_scan_that_arrives_between_handover_and_run_is_told_and_no_job_runs_another_
         refuse(&project, &warm);
         refuse(&project, &sheet);
         assert_eq!(records(&project), before, "{engine}: what was refused is no result");
-        // A command that a user types reports the added scan, too.
+        // A command that a user types also reports the added scan.
         let report = project.maquette(&["batch", "s.sweep.ron", "--report"]);
         assert_eq!(report.status.code(), Some(1));
         assert!(
@@ -182,7 +182,7 @@ fn a_scan_that_arrives_between_handover_and_run_is_told_and_no_job_runs_another_
             "{}",
             stderr_of(&report)
         );
-        // A job that is emitted again runs all tasks.
+        // A job that is emitted again, after the scan was added, runs all tasks.
         if engine == "slurm" {
             fs::remove_dir_all(project.folder().join("slurm")).unwrap();
         }
@@ -243,7 +243,7 @@ fn hyperqueue_tells_of_a_scan_that_arrives() {
     assert!(told.ends_with("1 done, 2 failed\n"), "{told}");
     assert!(stderr_of(&output).contains("1 added (`a`)"), "{}", stderr_of(&output));
     assert_eq!(records(&project), BTreeSet::from(["b".to_owned()]));
-    // Now all tasks of the old job are refused, and a new job runs all tasks.
+    // The server has added a scan, so all tasks of the old job are refused. A new job runs all tasks.
     let output = shell(&project, "python3 job.py server");
     assert!(stdout_of(&output).ends_with("0 done, 3 failed\n"));
     project.write("job.py", emit_job(&project, "hq"));

@@ -343,7 +343,7 @@ fn hints_are_what_came_out_and_nothing_runs_for_them() {
     assert_eq!(labels.len(), 5, "{labels:?}");
     assert!(labels[0].starts_with("4 vertices") && labels[0].ends_with('s'), "{labels:?}");
     assert!(!place.path("out").join("nothing").exists());
-    // A client that turns hints off gets none.
+    // If the client turns inlay hints off, the server sends none.
     let options = json!({ "hints": false });
     let mut editor = Editor::that_can(&place.cache, json!({}), options);
     editor.open(&path, FACE);
@@ -471,7 +471,7 @@ fn lenses_run_watch_inspect_and_say_why() {
     let lenses = editor.ask("textDocument/codeLens", document);
     assert_eq!(titles(&lenses)[1], "stop");
     editor.ask("workspace/executeCommand", command(&lenses[1]));
-    // A run is refused while the text is not saved.
+    // A run is refused while the editor has unsaved changes of the graph.
     editor.change(&path, &format!("{FACE}\n"));
     let refused = editor.try_ask("workspace/executeCommand", command(&lenses[0]));
     assert!(refused.unwrap_err().contains("save"));
@@ -598,7 +598,7 @@ fn a_folder_without_a_project_is_served_too() {
     editor.open(&path, graph);
     let told = editor.diagnostics(&path);
     assert!(told.iter().any(|it| it["code"] == "G003"), "{told:?}");
-    // A RON file that is not of maquette may also begin with `Graph`; it gets no diagnostics.
+    // A RON file of another program may also begin with `Graph`. Such a file gets no diagnostics.
     let other = place.path("b.ron");
     editor.open(&other, "Graph(vertices: 3, edges: [(0, 1)])");
     editor.change(&path, graph);

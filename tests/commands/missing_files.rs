@@ -26,7 +26,7 @@ fn a_watch_goes_on_and_takes_the_file_as_soon_as_it_is_there() {
     let run = watch.run();
     assert_eq!((run.state("good"), run.state("bad")), ("computed", "failed"), "{run:?}");
     assert_eq!(run.problems[0]["message"], "there is no file `tte.obj`");
-    // The file has new content; otherwise its result would already be cached.
+    // Write other content than that of `good`'s file. For equal content the result would already be cached.
     let other = TETRAHEDRON.replace('9', "8");
     project.write("tte.obj", &other);
     assert_eq!(watch.run_until_ok().state("bad"), "computed");

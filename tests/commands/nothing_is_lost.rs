@@ -129,7 +129,8 @@ fn goldens_of_a_graph_beside_the_tests_folder_stay_in_it() {
     assert_eq!(fs::read_dir(project.path("tests/goldens")).unwrap().count(), 1);
 }
 
-/// Tests that an output is written again if another program has replaced it with a file of equal size, as soon as the output existed.
+/// Another program replaces an output with a file of equal size immediately after the output was written. The next run must write the
+/// output again.
 #[test]
 fn an_output_that_another_program_replaced_is_made_again() {
     for round in 0..12 {
@@ -245,7 +246,7 @@ fn no_command_replaces_what_a_graph_is_made_of_or_reads() {
     for file in ["mug.ron", "mug.test.ron", "part.graph", "color.png", "mug.obj", "maquette.toml"] {
         refused(&["test", "--report", file]);
         refused(&["test", "--junit", file]);
-        // The path leads through a folder that does not exist yet, but to the same file.
+        // This path leads through a folder that does not exist yet, but it denotes the same file.
         refused(&["test", "--report", &format!("new/../{file}")]);
     }
     refused(&["inspect", "mug.ron", "mug", "--out", "new/../mug.obj"]);

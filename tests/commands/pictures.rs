@@ -95,7 +95,7 @@ fn a_region_and_labels_lie_on_the_picture_that_they_were_found_in() {
     }
     let spots = studio.picture(&["render", "doll.ron", "spots", "PICTURE"]);
     assert!(size(&spots) == size(&photo) && spots.pixel(nose) != photo.pixel(nose));
-    // Without `--over`, a mask is written as data, in black and white.
+    // Without `--over`, the mask is written as a black and white picture, not drawn over a photo.
     let mask = studio.picture(&["inspect", "doll.ron", "red", "--out", "PICTURE"]);
     assert_eq!([mask.pixel(nose), mask.pixel(forehead)], [[255; 3], [0; 3]]);
 }

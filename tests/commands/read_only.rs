@@ -72,7 +72,7 @@ fn a_batch_says_where_else_its_results_could_go() {
     let (code, told) =
         run_read_only(&project, &[&batch[..], &["--out", out.to_str().unwrap()]].concat());
     assert_eq!(code, Some(0), "{told}");
-    // If all tasks are done, nothing is written.
+    // If all tasks of the batch have been run before, nothing is written.
     assert!(project.maquette(&batch).status.success());
     let (code, told) = run_read_only(&project, &batch);
     assert_eq!(code, Some(0), "{told}");

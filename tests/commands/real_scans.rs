@@ -30,7 +30,7 @@ fn maquette(project: &Project, words: &[&str]) -> Output {
     output
 }
 
-/// The expectations in the graph are the test: the position of the second scan, and that the solid can be printed.
+/// The expectations in the graph are the test: they state the position of the second scan, and that the solid can be printed.
 #[test]
 fn two_scans_of_a_bunny_become_a_solid() {
     let Some(scans) = shared_folder("data/real/stanford_bunny") else { return };
@@ -39,8 +39,8 @@ fn two_scans_of_a_bunny_become_a_solid() {
     assert!(project.folder().join("out/bunny/solid.3mf").is_file());
 }
 
-/// One graph handles three tables and sensors with different files. Most of the cells with a depth show the table and the wall, so few
-/// vertices may remain.
+/// One graph handles three scans of objects on tables, although the sensors and the files differ. Most of the cells with a depth show the
+/// table and the wall, so few vertices may remain.
 #[test]
 fn what_stands_on_a_table_is_isolated() {
     let tables = ["ycb_pitcher", "ycb_bowl", "pcl_bottles"];

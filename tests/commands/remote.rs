@@ -35,7 +35,7 @@ struct Machine(tempfile::TempDir);
 /// The result of a run.
 struct Run {
     json: Json,
-    /// The text that the program printed to stderr.
+    /// The text that the program printed to standard error during the run.
     words: String,
     outputs: BTreeMap<String, Vec<u8>>,
     seconds: Duration,
@@ -167,8 +167,8 @@ fn a_second_machine_computes_nothing() {
     let (truth, server, first) = (Truth::new("12"), Server::new(), Machine::new());
     let run = first.share(&server);
     assert_eq!((run.count("computed"), &run.words[..]), (15, ""));
-    // The server has no results, so the machine requests only the results of nodes without inputs, and does not request that of each node
-    // in turn.
+    // The server has no results. So the machine requests only the results of nodes without inputs, and does not ask for those of all other
+    // nodes.
     let asked = server.count_requests("GET");
     assert!(0 < asked && asked <= 5, "{asked}");
     // Only results and their columns are uploaded, not cache files that refer to local paths.
@@ -180,7 +180,7 @@ fn a_second_machine_computes_nothing() {
     let run = second.share(&server);
     assert_eq!((run.count("computed"), run.count("cached"), &run.words[..]), (0, 15, ""));
     assert_eq!((&run.outputs, &run.json["server"]["missing"]), (&truth.outputs, &Json::from(0)));
-    // The second machine now has all results and does not need the server anymore.
+    // The second machine now has all results, so it no longer needs the server.
     server.set(Mode::Fails);
     assert_eq!(second.run("12", &[]).count("cached"), 15);
 }
@@ -222,13 +222,13 @@ fn whatever_a_server_does_the_outputs_are_the_same_and_it_costs_a_warning_and_a_
         let run = Machine::new().share(&server);
         assert!(run.outputs == truth.outputs, "{mode:?}");
         assert!(run.warnings() <= 1 && run.words.lines().count() <= 1, "{mode:?}: {}", run.words);
-        // A useless server may cost one second for downloads and one for uploads. The bound is larger, because other tests run at the same
-        // time.
+        // A useless server may delay a run by one second for downloads and one for uploads. The bound is larger, because other tests run at
+        // the same time.
         let most = truth.seconds * 3 + Duration::from_secs(3);
         assert!(run.seconds < most, "{mode:?}: {:?} of {:?}", run.seconds, truth.seconds);
         if mode.is_failure() {
             assert_eq!(run.warnings(), 1, "{mode:?}");
-            // Each of the two threads sends one request, and the upload another one. Then the server is not used anymore.
+            // Each of the two threads sends one request, and the upload sends one. After these failures the machine stops using the server.
             assert!(server.count_requests("") <= 3, "{mode:?}: {}", server.count_requests(""));
         }
     }

@@ -188,7 +188,8 @@ fn matches_line(pattern: &str, line: &str) -> bool {
     (0..=line.len()).any(|at| line.is_char_boundary(at) && matches_line(rest, &line[at..]))
 }
 
-/// Replaces the first duration and the rest of the line by a pattern, and the start of a line that looks like a command or a comment.
+/// Replaces the first duration in a line, and everything after it, by the pattern `[..]`. Also replaces the start of a line that looks like
+/// a command or a comment.
 fn to_pattern(line: &str) -> String {
     if is_command_or_comment(line) {
         return "[..]".to_owned() + &line[1..];
@@ -257,7 +258,7 @@ fn run_line(project: &Project, line: &str, sections: &[(&str, String)]) -> Outpu
     output
 }
 
-/// Removes a word and those behind it; returns those behind it.
+/// Removes `word` and all words after it from a command line. Returns the words after it.
 fn split_at_word(words: &mut Vec<String>, word: &str) -> Vec<String> {
     let Some(at) = words.iter().position(|it| it == word) else { return Vec::new() };
     words.split_off(at).split_off(1)

@@ -367,7 +367,7 @@ impl Project {
     }
 }
 
-/// A process that watches; it is killed at the end.
+/// A process `maquette watch`, which is killed when this value is dropped.
 struct Watch(Child);
 
 impl Drop for Watch {

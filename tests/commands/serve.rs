@@ -14,7 +14,7 @@ mod materials;
 mod missing;
 mod outline;
 
-/// A host program and its server.
+/// A host program, and the server that it has started.
 struct Host {
     process: Child,
     requests: Option<ChildStdin>,
@@ -250,7 +250,7 @@ fn arrays_go_in_and_come_out_and_what_has_not_changed_keeps_its_file() {
         assert_eq!(column(&twice, name)["file"], column(&fine, name)["file"], "{name}");
     }
     assert_ne!(column(&twice, "position")["file"], column(&fine, "position")["file"]);
-    // Files to which only the first answer referred are removed.
+    // Files to which the first answer referred, but the second does not, have been removed.
     assert!(!host.folder.join(column(&same, "position")["file"].as_str().unwrap()).exists());
     assert!(host.folder.join(column(&fine, "position")["file"].as_str().unwrap()).exists());
 }
@@ -341,7 +341,7 @@ fn a_host_that_lies_is_refused_and_nothing_else_happens() {
         host.refusal("why", json!({ "graph": "doll.ron", "node": "nobody" })).contains("nobody")
     );
     assert_eq!(host.ask("cancel", json!({ "run": "nothing" }))["found"], false);
-    // After the refusals, valid requests are answered as before.
+    // After these refusals, the server answers valid requests as before.
     assert_eq!(host.ask("run", run(&value))["ok"], true);
     assert_eq!(host.ask("load", json!({ "graph": "doll.ron" }))["inputs"][0]["type"], "Mesh");
     assert_eq!(fs::read_to_string(project.graph()).unwrap(), FINE);
@@ -365,7 +365,7 @@ fn no_link_in_the_folder_leads_out_of_it() {
 fn of_many_values_of_a_slider_the_last_is_seen_and_none_waits_for_all() {
     let project = Project::new(FINE);
     let (mut host, value) = host_with_input(&project);
-    // The requests are sent at once, while the first of them runs.
+    // Send all requests at once, while the first of them runs.
     fn request(k: u32, value: &Json) -> Json {
         let set = json!({ "levels": if k == 99 { "3" } else { "8" } });
         json!({ "id": 1000 + k, "do": "run", "graph": "doll.ron", "set": set, "inputs": { "mesh": value },
@@ -512,7 +512,7 @@ fn edits_are_made_taken_back_and_never_over_what_somebody_else_wrote() {
     let undo = json!({ "graph": "doll.ron", "was": known, "text": FINE });
     host.ask("put", undo.clone());
     assert_eq!(text(&project), FINE);
-    // The text has changed meanwhile, so the second undo is refused.
+    // The text has changed since the first undo, so the second undo is refused.
     assert!(host.refusal("put", undo).contains("has been changed meanwhile"));
     assert_eq!(text(&project), FINE);
     assert!(Path::new(&host.folder).exists());
@@ -532,7 +532,7 @@ fn an_undo_takes_back_its_own_step_and_keeps_what_others_changed_before_and_afte
     let rename = json!([{ "rename": { "from": "fine", "to": "first" } }]);
     let own = host.ask("edit", json!({ "graph": "doll.ron", "edits": rename }));
     let theirs = write("Graph(", "// Theirs.\nGraph(");
-    // The host does not know of this change yet.
+    // Another program changes the text, and the host does not know of this change yet.
     let unseen = write("format: 1,", "format: 1, doc: \"Also theirs.\",");
     let undo =
         json!({ "graph": "doll.ron", "was": theirs.1, "text": own["before"], "theirs": [theirs] });

@@ -50,7 +50,7 @@ fn shards_are_together_all_cases_and_none_twice() {
         for index in 1..=count {
             let own = run(&["--shard", &format!("{index}/{count}")], &project);
             assert!(own.len().abs_diff(11 / count) <= 1, "{index}/{count}: {own:?}");
-            // The order of the named files does not matter.
+            // The order in which test files are named on the command line does not matter.
             let shard = format!("{index}/{count}");
             assert_eq!(run(&["--shard", &shard, "two.test.ron", "one.test.ron"], &project), own);
             assert!(own.iter().all(|case| seen.insert(case.clone())), "{index}/{count}: {own:?}");

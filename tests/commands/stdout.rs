@@ -102,7 +102,7 @@ const TRIED: [(&str, &str); 38] = [
     ("", "--version"),
 ];
 
-/// Commands that print nothing by themselves, only answers to an editor.
+/// Commands that print only answers to an editor, so that they write nothing if no editor asks.
 const SILENT: [&str; 1] = ["lsp"];
 
 /// Runs several commands in a new project, and returns the output of the last one, whose standard output is `stdout`. The commands before

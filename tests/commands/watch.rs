@@ -253,7 +253,7 @@ fn a_burst_of_files_is_one_change() {
     project.assert_outputs_are_right();
 }
 
-/// Regression test: each event used to watch all files anew, which took minutes, and Ctrl-C had to wait for it.
+/// Regression test: formerly, every file event started the watch of all files anew. This took minutes, and Ctrl-C had to wait for it.
 #[test]
 fn a_thousand_of_three_thousand_files_can_be_saved_together() {
     const READ: usize = 3000;
@@ -427,7 +427,7 @@ fn ctrl_c_ends_a_watch_and_a_run_and_leaves_nothing_half_written() {
     project.assert_no_output_is_torn();
     project.assert_no_temporary_file();
 
-    // This run does not use the cache: the interrupted watch may have just stored the result of `skin`, which must be computed here.
+    // Run without the cache: the interrupted watch may have just stored the result of `skin`, but this run must compute it.
     let arguments = ["run", "doll.ron", "--events", "--no-cache", "--out", "out"];
     let mut run = project.spawn(&arguments);
     run.wait(|event| event["event"] == "started" && event["node"] == "skin");

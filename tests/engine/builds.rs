@@ -146,7 +146,7 @@ fn where_a_change_would_go_unnoticed_there_is_no_id() {
     assert_eq!(workspace.ids("one"), ["", ""]);
 }
 
-/// Returns the number of packs without a build id. They are identified by the hash of the executable that contains their code.
+/// Returns the number of packs without a build id. The code of such a pack is identified by the hash of the executable that contains it.
 fn files_of_code(packs: &[&Pack]) -> usize {
     let folder = tempfile::tempdir().unwrap();
     Disk::open(folder.path(), 1 << 30, &Catalog::new(packs)).unwrap();
@@ -159,7 +159,8 @@ fn our_packs_are_known_by_their_ids_and_those_of_others_by_their_file() {
         .ancestors()
         .any(|folder| folder.join("Cargo.lock").is_file());
     assert_eq!(files_of_code(maquette_nodes::PACKS), usize::from(!has_ids));
-    // Wait until the hash of the executable is stored. It is not stored at once, because a file that was just written may still change.
+    // Wait until the hash of the executable is stored on disk. It is stored with a delay, because a file that was just written may still
+    // change.
     let is_over = Instant::now() + Duration::from_secs(5);
     while files_of_code(&[&maquette_third_party::PACK]) != 1 {
         assert!(Instant::now() < is_over, "its file was not looked at");

@@ -89,7 +89,7 @@ fn the_next_process_computes_what_changed_alone() {
         trace.to_string().contains("computed raised   parameter `distance` 12 -> 25"),
         "{trace}"
     );
-    // Remove the record that the last evaluation wrote about the graph. Results are still found by their keys.
+    // Remove the record that the last evaluation wrote about the graph. Cached results are still found by their keys.
     for file in processes.files() {
         if file.parent().unwrap().ends_with("graphs") {
             fs::remove_file(file).unwrap();
@@ -128,7 +128,7 @@ fn a_thousand_flipped_bytes_change_no_result() {
         assert!(evaluation.diagnostics().is_empty(), "{:?}", evaluation.diagnostics());
         assert_eq!(hash(&evaluation, &graph), expected);
     }
-    // The cache is repaired: the next evaluation computes what is missing, and the evaluation after it finds everything in the cache.
+    // The cache is repaired: the next evaluation computes the missing results, and the evaluation after it finds all results in the cache.
     processes.run(&[]);
     let trace = processes.run(&[]).trace();
     assert_eq!(trace.count(State::Computed), 0, "{trace}");
@@ -314,7 +314,7 @@ fn what_was_not_used_for_longest_goes_first() {
     let before = Disk::usage(processes.cache()).unwrap().bytes;
     let dropped = Disk::gc(processes.cache(), before - 1_000_000).unwrap();
     assert!((1_000_000..before / 2).contains(&dropped), "{dropped} of {before}");
-    // Only results that the last run did not use have been removed.
+    // The cleanup has removed only results that the last run did not use.
     let trace = processes.run(&[("growth", "30")]).trace();
     assert_eq!(trace.count(State::Computed), 0, "{trace}");
 }

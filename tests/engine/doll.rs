@@ -98,7 +98,7 @@ fn the_mesh_is_manifold_and_looks_towards_the_sensor() {
         let center = grid.positions()[face[0] as usize];
         grid.area_vector(face).dot(&center.coords) > 0.0
     });
-    // Only the grown nose overhangs slightly. All other faces are visible from the sensor.
+    // Of the resulting surface, only the grown nose overhangs slightly. All other faces are visible from the sensor.
     let share = away.count() as f64 / grid.faces().len() as f64;
     assert!(share < 0.01, "{share} of the faces look away from the sensor");
     assert!(doll.get::<Mesh>("model", "").texture().is_some());

@@ -1,6 +1,5 @@
 //! Tests the guarantees of the engine with a small pack of nodes. Each key is computed once, nodes run in parallel, panics are caught, and
 //! evaluations can be cancelled.
-//! cancellation works.
 
 use std::sync::Barrier;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -99,7 +98,7 @@ impl Node for Sum {
     }
 }
 
-/// The number of times that 3 was halved. Only one test computes the sum of three numbers.
+/// The number of times that `halve` was called with 3, the count of the numbers in a sum. Only one test computes the sum of three numbers.
 static HALVED: AtomicUsize = AtomicUsize::new(0);
 
 fn halve(number: &Number) -> Result<Number, Error> {

@@ -125,10 +125,10 @@ fn what_has_one_answer_is_put_right() {
             r#""end": Subdivide(mesh: "doll", scheme: Loop,"#,
             r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
         ),
-        // A missing link for which there is only one possible source.
+        // A missing link for which the graph has only one possible source.
         (r#""end": Subdivide(scheme: Loop),"#, r#""end": Subdivide(mesh: "doll", scheme: Loop),"#),
         (r#""end": Texture(mesh: "doll", image: "doll"),"#, ""),
-        // A unit in a field without a unit.
+        // A number with a unit in a field that has no unit.
         (
             r#""end": Transform(mesh: "doll", scale: (cm(2), 1, 1)),"#,
             r#""end": Transform(mesh: "doll", scale: (2, 1, 1)),"#,

@@ -32,7 +32,7 @@ fn check(text: &str, expected: Expect) {
     expected.assert_eq(&problems(&path).replace(root.to_str().unwrap(), "ROOT"));
 }
 
-/// Checks a graph with the given nodes and outputs.
+/// Checks a graph with the given nodes and outputs, and compares its diagnostics with the expected ones.
 fn check_nodes(nodes: &str, outputs: &str, expected: Expect) {
     check(
         &format!("Graph(format: 1, nodes: {{\n{nodes}\n}}, outputs: {{\n{outputs}\n}})"),

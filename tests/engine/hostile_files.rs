@@ -8,7 +8,8 @@ use readers::{READERS, spoil};
 /// The number of damaged files per reader. Testing all readers takes a few seconds.
 const CASES: u64 = 1500;
 
-/// The maximum time for reading a small file. It is some hundred times that of the slowest file, because the machine may be busy.
+/// The maximum allowed time for reading a small file. It is some hundred times the time of the slowest file, because the machine may be
+/// busy.
 const LONG: Duration = Duration::from_secs(5);
 
 #[test]

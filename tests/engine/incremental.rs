@@ -225,7 +225,7 @@ fn another_file_says_so() {
     let mut copy = Copy::new();
     let path = copy.path("doll/range.pcd");
     let mut bytes = std::fs::read(&path).unwrap();
-    // Change the x coordinate of the last point slightly.
+    // Change the x coordinate of the last point in the range file slightly.
     let place = bytes.len() - 13;
     bytes[place] ^= 1;
     std::fs::write(&path, bytes).unwrap();

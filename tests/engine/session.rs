@@ -62,7 +62,7 @@ fn a_graph_that_is_called_gives_what_its_use_gives_from_the_same_cache() {
         let [a, b] = [used.value(&format!("nose.{output}")), called.value(output)];
         assert_eq!(a.unwrap().hash(), b.unwrap().hash(), "{output}");
     }
-    // Only the inputs have been computed again. All other results were cached.
+    // Only the nodes that represent the inputs have been computed again. All other results were cached.
     assert_eq!(computed_nodes(&called.trace()), ["color", "range"]);
 }
 
@@ -75,7 +75,7 @@ fn files_become_inputs_and_outputs_become_files() {
         .map(|(name, file)| (name.to_owned(), doll.join(file)));
     let (inputs, doubts) = session.read_inputs(&feature, &files).unwrap();
     assert!(doubts.is_empty());
-    // The inputs must be equal to the outputs of the node `scan`, which reads the same files.
+    // The values of the inputs must be equal to the outputs of the node `scan`, which reads the same files.
     let path = graphs().join("unsaved.ron");
     let used = load(&session, &path, &Options::default().with_text(&path, USE));
     let wanted = Targets::Named(vec!["scan".into()]);

@@ -559,6 +559,6 @@ fn the_form_of_a_text_keeps_the_ends_of_its_lines() {
     }
     assert_eq!(format_text(&windows(TEXT)), Some(windows(&form)));
     assert_eq!(format_text(&windows(&form)), Some(windows(&form)));
-    // If a text has different kinds of line endings, the formatted text has only line feeds.
+    // The formatted form of a text with mixed line endings contains only line feeds.
     assert_eq!(format_text(&TEXT.replacen('\n', "\r\n", 1)), Some(form));
 }

@@ -14,17 +14,17 @@ pub(super) struct Border {
     pub(super) outputs: Vec<Crossing>,
 }
 
-/// A value that a node computes, and to which a link on the other side of the border leads.
+/// A value that crosses the border: a node on one side computes it, and a link on the other side leads to it.
 pub(super) struct Crossing {
     /// The index of the node that computes the value, and the index of the node's output.
     pub(super) target: (usize, usize),
-    /// The text of the first link to the value.
+    /// The text of the first link across the border to this value.
     pub(super) link: String,
     /// The name of the input or output of the new graph that passes the value on.
     pub(super) name: String,
-    /// The type of the value.
+    /// The name of the value's type, such as `Mesh`.
     pub(super) kind: &'static str,
-    /// The positions of all links to the value.
+    /// The positions of all links across the border to this value.
     pub(super) spans: Vec<Span>,
 }
 

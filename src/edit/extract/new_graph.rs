@@ -15,7 +15,7 @@ use crate::check_name;
 /// The names for an extracted graph: its file, its node type, and the node that uses it.
 pub(super) struct NewGraph {
     pub(super) path: PathBuf,
-    /// The path of the file, relative to the old graph, as the old graph contains it.
+    /// The path of the new file, relative to the folder of the original graph, as it is written in that graph.
     pub(super) given: String,
     pub(super) kind: String,
     pub(super) name: String,

@@ -32,7 +32,7 @@ pub(super) fn changed_expressions(before: [&Tree; 3], merged: &Tree) -> Vec<Chan
         let in_base = found.find_in(&base);
         let sides = [&ours, &theirs].map(|side| found.find_in(side));
         if sides.into_iter().flatten().any(|side| {
-            // This side wrote the expression, or changed which parameters its names refer to.
+            // True if this side wrote the expression, or changed to which parameters the names in the expression refer.
             let is_edited = in_base.is_none_or(|in_base| in_base.names != side.names);
             is_edited && side.names != found.names
         }) {

@@ -19,7 +19,7 @@ pub(super) struct Value<'t> {
     pub(super) interpretation: &'t Interpretation,
 }
 
-/// Data about the values of a text that cannot be seen in their tokens alone.
+/// Data about the values in a text that the tokens of the text do not show.
 pub(super) struct Interpretation {
     /// The byte offsets of the fields whose values equal their defaults.
     pub(super) defaults: BTreeSet<usize>,
@@ -99,7 +99,7 @@ pub(super) struct Part<'t> {
 }
 
 impl Part<'_> {
-    /// Returns the text of the part.
+    /// Returns the text of the part, ready to be written into the merged value.
     pub(super) fn piece(&self) -> Piece {
         Piece {
             before: self.before.to_owned(),
@@ -204,7 +204,7 @@ impl<'t> Parts<'t> {
     }
 }
 
-/// The text that separates two parts.
+/// The text between two parts of a value.
 struct Gap<'t> {
     trailing: Trailing<'t>,
     rest: &'t str,

@@ -6,7 +6,7 @@ use super::align::pair_items;
 use super::comments::{comments, merge_gaps};
 use super::parts::{MergedPart, Part, Parts, Piece, Value, join_parts};
 
-/// The merged text of a value as each side has it. The texts differ only in conflicts.
+/// The merged text of a value, once for each side. The two texts differ only in conflicts.
 pub(super) struct MergedSides {
     pub(super) ours: String,
     pub(super) theirs: String,
@@ -22,7 +22,7 @@ impl MergedSides {
 pub(super) struct RenamedTwice {
     pub(super) section: &'static str,
     pub(super) old: String,
-    /// The name of the other side, which the entry has in all three texts during the merge.
+    /// The name that the other side gave to the entry. During the merge, the entry has this name in all three texts.
     pub(super) theirs: String,
     pub(super) ours: String,
 }
@@ -156,8 +156,8 @@ impl Merger<'_> {
         Some(self.merge_parts(base, &ours, &theirs, place))
     }
 
-    /// Merges lists or tuples item by item. Possible only if at most one side has changed their meaning, or if both sides have changed it
-    /// in the same way.
+    /// Merges lists or tuples item by item. Possible only if at most one side has changed the meaning of the value, or if both sides have
+    /// changed it in the same way.
     fn merge_items(
         &mut self,
         versions: Versions<'_>,
@@ -182,7 +182,7 @@ impl Merger<'_> {
                 true => pair_items(before, &said),
                 false => (0..said.len()).map(Some).collect(),
             };
-            // Both sides have added equal items.
+            // Number the added items too, so that equal items that both sides have added get equal numbers.
             let numbered = places.into_iter().enumerate();
             Some(
                 numbered
@@ -339,7 +339,8 @@ fn has_conflict_marks(text: &str) -> bool {
     text.contains("\n<<<<<<< ours\n")
 }
 
-/// Returns the names of all parts, in the order of our text. A part that the other side has added comes after the same part as in its text.
+/// Returns the names of all parts, in the order of our text. A part that only the other side has comes after the part that precedes it in
+/// the other side's text.
 fn merged_order(base: Option<&Parts<'_>>, ours: &Parts<'_>, theirs: &Parts<'_>) -> Vec<String> {
     let mut order: Vec<_> = ours.all.iter().map(|(key, _)| key.clone()).collect();
     let mut before: Option<&String> = None;

@@ -76,7 +76,7 @@ fn has_units(tree: &Tree) -> bool {
     }
 }
 
-/// Collects the parts of a value that differ from its form in plain numbers.
+/// Compares a value with its form in plain numbers, and collects the parts that differ.
 fn collect_differences(tree: &Tree, plain: &Tree, found: &mut PlainNumbers) {
     match (&tree.kind, &plain.kind) {
         (Kind::List(items), Kind::List(others)) => {

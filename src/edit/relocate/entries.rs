@@ -22,8 +22,8 @@ pub(crate) struct TakenEntries {
     pub(crate) text: String,
 }
 
-/// Removes entries from a map, and applies the edits `inner` to the removed text. The last of them is replaced by a new entry, whose text
-/// `write` returns for a given indentation.
+/// Removes entries from a map, and applies the edits `inner` to the removed text. A new entry takes the place of the last removed entry.
+/// `write` returns the text of the new entry for a given indentation.
 pub(crate) fn take_entries(
     text: &str,
     map: &Tree,
@@ -179,7 +179,7 @@ pub(crate) fn replace_entry(text: &str, map: &Tree, at: usize, entries: &str) ->
         new += newline;
         return vec![(Span { start, end: lines.end }, new)];
     }
-    // The replaced entry keeps its comma, so remove the comma after the last new entry.
+    // The comma of the replaced entry stays in the text, so remove the comma after the last new entry.
     let whole = format!("{{{entries}}}");
     let tree = parse(&whole).0;
     let mut last = entries.to_owned();

@@ -16,7 +16,7 @@ pub(crate) struct Fingerprint {
     nodes: Vec<Hash>,
     outputs: Vec<(String, Hash)>,
     expected: Vec<String>,
-    /// The promises of the graph that are not known to hold from promises of its nodes.
+    /// The promises of the graph that do not follow from the promises of its nodes.
     pub(crate) promised: Vec<String>,
 }
 

@@ -32,7 +32,7 @@ pub(crate) struct ParsedGraph {
 /// A link in the text of a graph, with the outputs to which it leads.
 pub(crate) struct ResolvedLink {
     pub(crate) span: Span,
-    /// The text of the link.
+    /// The text of the link, `node` or `node.output`.
     pub(crate) text: String,
     /// A description of the part that has the link, such as port `mask` of `spots`.
     pub(crate) by: String,
@@ -41,7 +41,7 @@ pub(crate) struct ResolvedLink {
 }
 
 impl ParsedGraph {
-    /// Parses a text.
+    /// Parses the text of a graph file, and resolves its links.
     ///
     /// # Errors
     /// The text cannot be parsed.

@@ -25,7 +25,7 @@ pub(crate) enum ParameterValue {
     Value { text: String, unit: Option<String> },
 }
 
-/// Returns the edits of a moved node that replace parameters by their values. `parameters` are those of the graph to which it is moved.
+/// Returns the edits of a moved node that replace parameters by their values. `parameters` are the names of the target graph's parameters.
 ///
 /// # Errors
 /// A value cannot be written in place of the parameter.

@@ -67,7 +67,7 @@ pub(crate) fn limit_of<'t>(part: &GoldenColumn, tolerance: &'t Tolerance) -> Opt
     known.then_some(name)
 }
 
-/// Returns the size of which relative limits of a column are fractions: the diagonal of its bounding box.
+/// Returns the reference size of a column, of which relative limits are fractions: the diagonal of the column's bounding box.
 pub(crate) fn size(part: &GoldenColumn) -> f64 {
     // For positions the diagonal does not depend on the distance from the origin. Other numbers may all be equal, so that the diagonal is
     // 0; then the size is a thousandth of the largest number.

@@ -74,7 +74,7 @@ fn face_differences(old: &Mesh, new: &Mesh, tree: &TriangleTree, limit: f64) -> 
         return (gone > 0)
             .then(|| format!("{gone} faces have other vertices or another orientation"));
     }
-    /// The maximum number of faces for which it is tested if they are flipped.
+    /// The maximum number of faces that are tested for being flipped.
     const MAX_TESTED_FACES: usize = 1 << 15;
     let middles = face_centers(old, old.faces().len().div_ceil(MAX_TESTED_FACES).max(1));
     let hits = tree.nearest_to_all(&middles.iter().map(|(_, middle)| *middle).collect::<Vec<_>>());
@@ -90,8 +90,8 @@ fn face_differences(old: &Mesh, new: &Mesh, tree: &TriangleTree, limit: f64) -> 
         .then(|| format!("{} % of the faces have the opposite orientation", six_digits(percent)))
 }
 
-/// Returns the faces in a normal form for comparing them: each is a list of its vertices that begins with the smallest, and the faces are
-/// sorted.
+/// Returns the faces in a normal form for comparing them: each is a list of vertex indices that begins with the smallest index, and the
+/// faces are sorted.
 fn sorted_faces(mesh: &Mesh) -> Vec<Vec<u32>> {
     let mut rings: Vec<Vec<u32>> = (0..mesh.faces().len())
         .into_par_iter()
@@ -115,7 +115,7 @@ struct Search {
 
 impl Search {
     /// Finds the nearest point on the other mesh for every vertex. If there are very many vertices and searches are slow (because the
-    /// meshes are far apart), searches only for some of them; but only if one of these already exceeds the limit.
+    /// meshes are far apart), searches only for some vertices, provided that one of their distances already exceeds the limit.
     fn new(from: &Mesh, to: &TriangleTree, limit: f64) -> Self {
         /// The approximate number of vertices that are measured first. They show how far apart the surfaces are and how slow a search is.
         const FIRST_VERTICES: usize = 1 << 15;

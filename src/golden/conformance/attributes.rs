@@ -19,8 +19,8 @@ const SHARP: f64 = 10.0;
 /// special names to only one of the two.
 const NAMED_DOMAINS: [usize; 2] = [0, 1];
 
-/// Checks that a node declares how it handles attributes, for each pair of port and output. Also checks with the node's example that it
-/// does what it declares.
+/// Checks that a node declares how it handles attributes, for each pair of port and output. Also checks, with the node's example, that the
+/// node does what it declares.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     let (entry, node) = (case.entry, &case.graph.nodes()[case.index]);
     let declared = entry.carries();
@@ -95,7 +95,8 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
 struct Kind {
     name: &'static str,
     make: fn(&[f64]) -> Attribute,
-    /// True if the attribute of an interpolated number equals the interpolated attribute.
+    /// True if the function is linear: interpolating two elements' numbers and then computing the attribute gives the interpolated
+    /// attribute.
     is_linear: bool,
 }
 
@@ -141,7 +142,7 @@ fn color(x: &[f64]) -> Attribute {
 /// The marks that one test run has placed.
 #[derive(Default)]
 struct Marks {
-    /// The number of marked elements of each kind. The elements of each kind are numbered from 1.
+    /// The number of marked elements of each domain (such as vertices or corners). The elements of each domain are numbered from 1.
     counts: [usize; 4],
 }
 

@@ -80,11 +80,11 @@ fn unless_panic<T>(make: impl FnOnce() -> T) -> Option<T> {
 /// The result that `from_parts` must have for damaged parts.
 #[derive(Clone, Copy, PartialEq)]
 enum RequiredResult {
-    /// Any value or an error is allowed, but no panic.
+    /// `from_parts` may return any value or an error, but must not panic.
     Return,
-    /// It must return an error, or a value that differs from the original.
+    /// `from_parts` must return an error, or a value that differs from the original.
     Differ,
-    /// It must return an error.
+    /// `from_parts` must return an error.
     Fail,
 }
 

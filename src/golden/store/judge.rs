@@ -86,7 +86,7 @@ impl Golden {
         let (found, mut measures) = self.measure(value, &parts, &same, tolerance);
         reasons.extend(found);
         if !reasons.is_empty() && !tolerance.remeshed {
-            // The differences of faces already show that the mesh is different. So clear messages about surfaces that are within the
+            // The differences of faces already show that the mesh is different. So remove messages about surfaces that are within the
             // tolerance.
             for measure in measures.iter_mut().filter(|m| m.name.starts_with("surface,")) {
                 if measure.max - measure.error <= measure.allowed {

@@ -242,7 +242,7 @@ fn code_digits(
         .collect()
 }
 
-/// Codes numbers to the last bit.
+/// Codes numbers exactly, to the last bit.
 fn code_bits(coder: &mut impl Coder, numbers: impl Iterator<Item = f64>) -> Vec<f64> {
     numbers.map(|x| f64::from_bits(coder.code(0, x.to_bits() as i64) as u64)).collect()
 }

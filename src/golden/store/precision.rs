@@ -61,7 +61,7 @@ pub(super) struct LastDigits {
 }
 
 impl LastDigits {
-    /// Returns a lower bound for how far some element has moved if the mark has changed.
+    /// Returns a lower bound for how far some element has moved if the mark (the hash of all numbers of the column) has changed.
     pub(super) fn reach(&self, width: usize) -> f64 {
         let step = 2.0 * self.error / (width as f64).sqrt();
         f64::from((1 << (self.bits - 1)) - 2) * step / MAX_LENGTH_RATIO

@@ -21,10 +21,11 @@ use crate::parts::GoldenParts;
 use crate::store;
 use crate::store::{Golden, GoldenError, WrittenFile};
 
-/// The ratio of a tolerance to the largest difference ever accepted above which the user is told that the tolerance is too large.
+/// If a tolerance is more than this many times the largest difference ever accepted, the user is told that the tolerance is too large.
 const MAX_EXCESS: f64 = 10.0;
 
-/// Returns the name of a measure and the part of its difference that cannot come from rounding. Returns `None` if all of it can.
+/// Returns the name of a measure and the part of its difference that cannot come from rounding. `None` if rounding alone can explain the
+/// difference.
 fn certain_difference(measure: &Measure) -> Option<(String, f64)> {
     let least = measure.max - measure.error;
     (0.0 < least && least < f64::INFINITY).then(|| (measure.name.clone(), least))
@@ -52,7 +53,7 @@ fn outdated_notes(outputs: &[OutputComparison]) -> Vec<String> {
     notes.collect()
 }
 
-/// A case of a graph that is to be run, with its test file.
+/// A case to be run: the test file, the tested graph, and the index of the case in the test file.
 #[derive(Clone)]
 pub(super) struct Job<'a> {
     pub(super) test: &'a TestFile,
@@ -236,8 +237,8 @@ impl Job<'_> {
         compared
     }
 
-    /// Returns the name of the golden for some outputs of a node. If the node was renamed since the golden was accepted, this is its former
-    /// name.
+    /// Returns the name of the golden for some outputs of a node. If the node was renamed since the golden was accepted, the result
+    /// contains the node's former name.
     fn golden_name(&self, name: String, outputs: &[String], named: &[String]) -> String {
         if !matches!(store::read(&self.folder, &name), Err(GoldenError::Missing)) {
             return name;

@@ -50,8 +50,8 @@ fn suffixes(summary: &str) -> Option<Vec<&'static str>> {
     })
 }
 
-/// Returns the goldens in the folders next to the given tests that no test uses. If a test next to a folder cannot be read, its goldens are
-/// unknown, so nothing in that folder is returned.
+/// Returns the unused goldens in the folders next to the given tests: those that no test uses. If a test next to a folder cannot be read,
+/// its goldens are unknown, so nothing in that folder is returned.
 pub(super) fn unclaimed_goldens(tests: &[TestFile]) -> Vec<PathBuf> {
     let folders: BTreeSet<&Path> = tests.iter().map(test_folder).collect();
     let mut orphans = Vec::new();

@@ -10,8 +10,8 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Returns for each name if it belongs to this part. The names are sorted and assigned to the parts in turn, so that the parts have
-    /// nearly equal sizes.
+    /// For each name, returns true if it belongs to this part. The names are sorted and assigned to the parts in turn, so that the parts
+    /// have nearly equal sizes.
     pub(super) fn contains(self, names: &[String]) -> Vec<bool> {
         let mut sorted = Vec::from_iter(0..names.len());
         sorted.sort_by_key(|&place| &names[place]);

@@ -10,10 +10,10 @@ use super::{Job, jobs_of, test_folder};
 use crate::case;
 use crate::case::TestFile;
 
-/// Returns an error for each case that shares its folder of goldens with a case in another test file. That other file need not be among the
-/// given ones. Also returns the test files with such cases.
+/// Returns an error for each case that shares its folder of goldens with a case in another test file. The other test file need not be one
+/// of `tests`. Also returns the test files with such cases.
 pub fn shared_golden_folders(tests: &[TestFile]) -> (Vec<Diagnostic>, BTreeSet<PathBuf>) {
-    // Handle the test files that were not given first, so that each error is reported in a file that was given.
+    // Handle the other test files before `tests`, so that each error is reported in a file of `tests`.
     let others = other_tests(tests);
     let mut first: BTreeMap<PathBuf, Job<'_>> = BTreeMap::new();
     let (mut diagnostics, mut files) = (Vec::new(), BTreeSet::new());
@@ -43,7 +43,7 @@ fn shared_folder_error(job: &Job<'_>, files: &[PathBuf; 2]) -> Diagnostic {
     Diagnostic { help, ..job.test.diagnostic(code::BAD_NAME, case.span, message) }
 }
 
-/// Returns the valid test files in the folders of the given ones that were not given themselves.
+/// Returns the valid test files that are in the folders of `tests`, but are not among `tests`.
 fn other_tests(tests: &[TestFile]) -> Vec<TestFile> {
     let folders = BTreeSet::from_iter(tests.iter().map(test_folder));
     let paths = folders

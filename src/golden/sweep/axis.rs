@@ -61,10 +61,10 @@ pub(super) enum Axis {
     },
 }
 
-/// The values of one task, or those of them that come from one axis.
+/// Values that a task sets in the graph: all of its values, or only those that come from one axis.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row {
-    /// The values as text for display, in the order of the names.
+    /// The values as text for display, in the order of the names of the swept values.
     pub values: Vec<String>,
     pub set: Vec<Set>,
     /// The files that are given to the graph's inputs, by the name of the input.
@@ -116,7 +116,7 @@ pub(super) struct Reader<'a> {
     pub(super) folder: &'a Path,
     /// The folder of the graph. Paths in values are relative to this folder.
     pub(super) graph_folder: &'a Path,
-    /// The folders in which files are allowed.
+    /// The folders that must contain the files of the sweep.
     pub(super) roots: &'a [PathBuf],
     /// Returns the files that the graph reads, each with the field that contains its path.
     pub(super) reads: &'a dyn Fn() -> Vec<(String, PathBuf)>,

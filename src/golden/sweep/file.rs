@@ -27,7 +27,7 @@ pub const EXTENSION: &str = ".sweep.ron";
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct File {
-    /// Graph, relative to this file.
+    /// Path of the graph, relative to this file.
     graph: String,
     /// Values or files that differ between tasks.
     over: Axis,
@@ -48,16 +48,16 @@ struct File {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct Picture {
-    /// Output to show. If omitted, the first one with faces, or else the first one that can be shown.
+    /// Output to show. If omitted, the first output with faces, or else the first one that can be shown.
     #[schemars(extend("format" = "output"))]
     pub output: String,
-    /// Angles of the camera to the right and upward.
+    /// Angles by which the camera is turned to the right and upward.
     #[schemars(extend("unit" = "deg"))]
     pub camera: (f64, f64),
-    /// Magnification relative to a view that just fits.
+    /// Magnification relative to a view into which the value just fits.
     #[schemars(range(min = 0.01, max = 100.0))]
     pub zoom: f64,
-    /// Width and height.
+    /// Width and height of the picture.
     #[schemars(extend("unit" = "px"))]
     pub size: (Side, Side),
 }
@@ -449,7 +449,7 @@ impl Checker<'_> {
     }
 
     fn report_template(&mut self, wrong: &TemplateError, out: &Tree, names: &[String]) {
-        // The position of the error in the file. It may be off if the text contains escape sequences.
+        // The position, in the sweep file, of an error in the template `out`. It is inexact if the template contains escape sequences.
         let start = out.span.start + 1 + wrong.at;
         let text = &self.source.text[out.span.start..out.span.end];
         let is_plain = !text.contains('\\') && text.starts_with('"');
@@ -506,7 +506,8 @@ impl Checker<'_> {
         }
     }
 
-    /// Reports an error of the graph at the value that the error is about. If there is none, reports it at the value that caused the error.
+    /// Reports an error of the graph at the value that the error is about. If the error is not about a value of the sweep, reports it at
+    /// the value that caused it.
     fn report_graph_diagnostic(&mut self, diagnostic: &Diagnostic, set: &[Set], new: Option<Span>) {
         fn words(set: &Set) -> String {
             format!("--set {}={}", set.target, set.text)
@@ -609,8 +610,8 @@ pub(crate) fn values_in_words(names: &[String], values: &[String]) -> String {
     Vec::from_iter(each).join(", ")
 }
 
-/// Returns a help text for two tasks with equal names. It suggests to add those values to the template that differ between tasks and are
-/// missing in it.
+/// Returns a help text for two tasks with equal names. It suggests adding to the template the values that differ between the tasks and are
+/// missing in the template.
 fn distinguishing_help(
     rows: &Rows,
     by: &Template,

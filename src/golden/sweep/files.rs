@@ -128,7 +128,7 @@ impl Reader<'_> {
     }
 
     /// Returns the row for a matching file or folder. `own` are the files that the graph reads, each with its field. Returns `None` if the
-    /// match replaces none of them.
+    /// match replaces none of these files.
     fn file(
         &mut self,
         path: &Path,

@@ -16,7 +16,7 @@ enum Piece {
     Text(String),
     /// The value with this index in the row of the task.
     Value(usize),
-    /// The number of the task.
+    /// The index of the task among the tasks of the sweep.
     Index,
 }
 

@@ -46,7 +46,7 @@ pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<MatchedPath>, 
             }
             let entries = match fs::read_dir(&path) {
                 Ok(entries) => entries,
-                // Skip a file next to matching folders: it has no content that could match the next part.
+                // Skip a file next to matching folders: a file has no entries that could match the next part of the pattern.
                 Err(_) if !path.is_dir() => continue,
                 Err(error) => return Err(read_error(&path, &error)),
             };

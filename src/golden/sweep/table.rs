@@ -43,7 +43,8 @@ pub(super) fn read(path: &str, text: &str) -> Result<Table, String> {
     Ok(table)
 }
 
-/// Returns the value of a CSV field. It is text if the field is in quotes, or if it is not a number, `true`, `false`, or RON in brackets.
+/// Returns the value of a CSV field. A field in quotes is a text. A field without quotes is a number, `true`, `false`, RON in brackets, or
+/// otherwise a text.
 fn cell(field: &Field) -> Cell {
     let shown = field.text.clone();
     let is_word = ["true", "false"].contains(&&shown[..]);

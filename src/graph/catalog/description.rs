@@ -256,19 +256,19 @@ mod tests {
     #[derive(schemars::JsonSchema, serde::Serialize)]
     #[expect(dead_code, reason = "only its schema is looked at")]
     enum Shape {
-        /// None.
+        /// No shape.
         Nothing,
-        /// A round one.
+        /// A ball, as a variant with a struct.
         Ball(Ball),
     }
 
     /// A ball.
     #[derive(schemars::JsonSchema, serde::Serialize)]
     struct Ball {
-        /// Its radius.
+        /// Radius of the ball.
         #[schemars(default)]
         radius: f64,
-        /// Its layers.
+        /// Number of layers of the ball.
         #[schemars(default)]
         layers: u32,
     }

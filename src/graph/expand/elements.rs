@@ -118,7 +118,7 @@ impl Expansion<'_, '_> {
         let given = (0..outputs.len()).map(|output| {
             let mut all = elements.iter().filter_map(|element| element.get(output).copied());
             match carried.iter().find(|(_, carried)| *carried == output) {
-                // Without elements, a carried output has the value of the corresponding input.
+                // Without elements, an output that is passed from element to element has the value of the corresponding input.
                 Some((port, _)) => all
                     .next_back()
                     .or_else(|| first_value(port, parsed, values))

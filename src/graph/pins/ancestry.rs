@@ -27,7 +27,7 @@ struct Step {
     name: String,
     #[serde(rename = "type")]
     kind: String,
-    /// The parameters, without the paths of files.
+    /// The parameters of the node, without the paths of files.
     parameters: Json,
     /// For each port, its link as `node.output`.
     links: Vec<(String, String)>,

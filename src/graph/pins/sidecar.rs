@@ -75,7 +75,7 @@ struct PinEntry<'p> {
     from: String,
 }
 
-/// Reads `Pins(format: 1, pins: {..})`.
+/// Reads the file that lists the pins, `Pins(format: 1, pins: {..})`. Returns the pins by the names of their nodes.
 fn read_pins(tree: &Tree) -> Result<BTreeMap<String, Pin>, (Span, String)> {
     let is_ours = tree.name().is_some_and(|name| name.text == "Pins");
     let format = field(tree, "format").map(|format| &format.kind);

@@ -10,17 +10,17 @@ use crate::{Walk, as_tree};
 /// A shape.
 #[derive(Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 enum Shape {
-    /// None.
+    /// No shape.
     Nothing,
-    /// A round one.
+    /// A ball, as a variant with a struct.
     Ball(Ball),
-    /// At a position.
+    /// A shape at a position.
     At(Place3),
-    /// As large as this.
+    /// A shape of this size.
     Size(f64),
-    /// A flat one.
+    /// A flat shape, as a variant with fields.
     Sheet {
-        /// Its sides.
+        /// Number of sides of the sheet.
         sides: u32,
     },
 }
@@ -28,36 +28,36 @@ enum Shape {
 /// A ball.
 #[derive(Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 struct Ball {
-    /// Its radius.
+    /// Radius of the ball.
     #[serde(default)]
     radius: f64,
-    /// Its layers.
+    /// Number of layers of the ball.
     #[serde(default)]
     layers: u32,
-    /// The core.
+    /// Core inside of the ball.
     inside: Option<Core>,
 }
 
 /// The inside of a ball.
 #[derive(Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 enum Core {
-    /// Something solid.
+    /// A solid core.
     Solid(Solid),
 }
 
-/// Something solid.
+/// The material of a solid core.
 #[derive(Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 struct Solid {
-    /// The hardness.
+    /// Hardness of the material.
     hardness: f64,
 }
 
-/// A place.
+/// A position in the plane.
 #[derive(Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 enum Place3 {
     /// The origin.
     Origin,
-    /// A point.
+    /// A point with these coordinates.
     Point(f64, f64),
 }
 

@@ -88,7 +88,7 @@ fn lines_are_a_script_that_goes_on_behind_a_failure_and_fails() {
         let output = super::shell(&project, &format!("{shell} jobs"));
         assert_eq!(output.status.code(), Some(1), "{shell}: {}", stderr_of(&output));
         check_logs(&project, shell);
-        // The scan is valid now, so no task fails.
+        // The invalid scan has been replaced by a valid one, so no task fails.
         scan(&project, "c it's $HOME; {{d}}");
         assert_eq!(super::shell(&project, &format!("{shell} jobs")).status.code(), Some(0));
     }

@@ -57,7 +57,7 @@ fn each_node_says_how_exact_it_is() {
 fn what_files_keep_is_told_for_each_format_of_the_program() {
     let (text, is_known) = run_text(&["help", "formats"]);
     assert!(is_known, "{text}");
-    // Each of the four tables has a header row with the formats and one row for each kind of data.
+    // Each of the four tables of file formats has a header row with the formats, and one row for each kind of data.
     let tables: Vec<_> = text.split("\n| ").skip(1).filter(|line| line.starts_with(' ')).collect();
     assert_eq!(tables.len(), 4, "{text}");
     assert!(tables[0].contains("| ply") && tables[0].contains("| 3mf"), "{text}");

@@ -103,7 +103,7 @@ fn a_watch_takes_up_pins_while_it_runs() {
     let project = project();
     let mut watch = project.watch(&["--no-provenance"]);
     let without = project.outputs();
-    // `skin` is pinned with two levels and then set back to one level, so its pin is stale but used.
+    // The node `skin` is pinned with two levels and then set back to one level. Its pin is now stale, but still used.
     project.save(&graph("2"));
     watch.run_until_ok();
     let with = project.outputs();

@@ -1,4 +1,5 @@
-//! Properties that a value lacks although a port wants them are listed, and marked in pictures.
+//! Values may lack properties that a port requires (`wants`). These properties are listed, and the violating elements are marked in
+//! pictures.
 
 use maquette::format::png;
 use maquette::value::Image;
@@ -29,11 +30,11 @@ fn inspect_lists_and_marks_the_elements() {
     let broken = &json["outputs"][0]["broken"][0];
     assert_eq!((&broken["property"], &broken["count"]), (&"Closed".into(), &3.into()));
     assert_eq!(broken["elements"][2]["name"], "edge 2-3");
-    // `run --json` reports the offending elements as data, too.
+    // `run --json` also reports the violating elements as data.
     let json = project.maquette(&["run", "doll.ron", "--json"]).stdout;
     let json: Json = serde_json::from_slice(&json).unwrap();
     assert_eq!(json["problems"][0]["elements"][1]["at"], json!([0.0, 0.0, 0.5]));
-    // If no port wants the property, nothing is marked.
+    // If no port requires the property, nothing is marked in the picture.
     project.save(
         &std::fs::read_to_string(project.graph()).unwrap().replace("Lib(skin", "Transform(mesh"),
     );

@@ -31,7 +31,7 @@ fn a_watch_makes_the_rest_too_also_of_a_graph_that_was_whole() {
     assert_eq!((run.state("big"), run.state("combed")), ("computed", "skipped"), "{run:?}");
     assert_eq!(run.done["ok"], false);
     assert_eq!(project.outputs().into_keys().collect::<Vec<_>>(), ["big.ply"]);
-    // The node gets a known type and later an unknown type again, with other changes at the same time.
+    // Give the node a known type and later an unknown type again, each time together with other changes of the graph.
     let whole = GRAPH
         .replace("HairStrands(on: \"ball\")", "Transform(mesh: \"ball\", scale: (1.0, 2.0, 1.0))");
     project.save(&whole);

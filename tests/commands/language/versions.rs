@@ -75,7 +75,7 @@ fn answer_question(project: &Project, words: &[&str], answer: &str) -> (String, 
     let mut listener = ours.try_clone().unwrap();
     std::thread::spawn(move || {
         let mut part = [0; 1024];
-        // On Linux, reading after the end of a terminal's output is an error.
+        // On Linux, reading from a terminal is an error after the end of its output.
         while let Ok(count @ 1..) = listener.read(&mut part) {
             let _ = sender.send(String::from_utf8_lossy(&part[..count]).into_owned());
         }

@@ -142,7 +142,7 @@ impl Editor {
         }
     }
 
-    /// Waits until this file has diagnostics.
+    /// Waits until the server has sent at least one diagnostic for this file.
     pub(crate) fn some_diagnostics(&mut self, path: &Path) -> Vec<Json> {
         while self.told.get(&uri(path)).is_none_or(Vec::is_empty) {
             let message = self.receive();
@@ -151,7 +151,7 @@ impl Editor {
         self.told[&uri(path)].clone()
     }
 
-    /// Waits until this file has no diagnostics.
+    /// Waits until the server reports that this file has no diagnostics.
     pub(crate) fn no_diagnostics(&mut self, path: &Path) {
         let start = Instant::now();
         while !self.told[&uri(path)].is_empty() {

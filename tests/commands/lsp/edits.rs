@@ -102,13 +102,13 @@ fn complete(editor: &mut Editor, path: &Path, text: &str, at: usize) -> usize {
     let position = json!({ "line": line, "character": units });
     let asked = json!({ "textDocument": { "uri": uri(path) }, "position": position });
     let found = editor.ask("textDocument/completion", asked);
-    // A file that is not of maquette gets no completions.
+    // A file of another program gets no completions.
     let items = found["items"].as_array().map_or(&[][..], Vec::as_slice);
     for item in items {
         assert!(item.get("additionalTextEdits").is_none(), "{item}");
         assert!(!item["label"].as_str().unwrap().contains(['\n', '\r']), "{item}");
         let new = apply_edit(&lines, &item["textEdit"], line, units);
-        // Everything before and after the line is unchanged.
+        // The text before and after the edited line is unchanged.
         let (before, behind) = (&text[..start], &text[start + lines[line].len()..]);
         assert!(before.len() + behind.len() <= new.len());
         assert!(new.starts_with(before) && new.ends_with(behind));
@@ -142,7 +142,7 @@ fn boundaries(text: &str) -> Vec<usize> {
         .collect()
 }
 
-/// Returns the byte offsets of all occurrences of these letters.
+/// Returns the byte offsets of all occurrences of the given letters in a text.
 fn places_of(text: &str, letters: &[char]) -> Vec<usize> {
     text.match_indices(letters).map(|(at, _)| at).collect()
 }
@@ -194,7 +194,7 @@ fn a_completion_changes_its_line_alone_in_any_text() {
             asked += 1;
         }
     };
-    // Small texts are tried at all positions.
+    // In a small text, all positions are tried.
     for text in [
         "",
         "\n",

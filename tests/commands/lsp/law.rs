@@ -5,7 +5,7 @@ use serde_json::{Value as Json, json};
 use super::editor::{Editor, uri};
 use super::{FACE, NOSE, Place, face};
 
-/// Number of steps with one server.
+/// Number of random steps with one server: each opens, edits, saves or closes a file.
 const STEPS: usize = 150;
 
 const FILES: [&str; 3] = ["face.ron", "lib/nose.ron", "big.ron"];

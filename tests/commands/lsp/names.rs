@@ -109,7 +109,7 @@ fn a_new_name_changes_names_alone_in_all_files() {
     check("lib/nose.ron", "inputs: { \"wh|at\"", "the-mesh", 4 * 4);
     check("face.ron", "the_m|esh: \"ball\", raise", "some_mesh", 4);
     assert_eq!(keys(&place), before);
-    // A rename that is not possible is refused with a reason.
+    // A rename that is impossible is refused with a reason.
     let text = read("face.ron", &place);
     let mut refused = |mark: &str, to: &str, wanted: &str| {
         let mut asked = place_of(&place.path("face.ron"), &text, mark);

@@ -160,7 +160,7 @@ fn every_request_with_an_odd_field_is_answered() {
             check_answer(method, &params, &answer);
             count += 1;
         });
-        // The unexpected messages leave the server able to answer.
+        // After the unexpected messages, the server still answers.
         let hover = json!({ "textDocument": { "uri": uri(&place.path("face.ron")) }, "position": { "line": 0, "character": 2 } });
         assert!(editor.try_ask("textDocument/hover", hover).is_ok(), "behind {method}");
     }

@@ -53,7 +53,7 @@ fn lazy() -> Json {
 #[test]
 fn nodes_become_a_graph_and_come_back() {
     let place = Place::doll("both.ron", GRAPH);
-    // The preferred name of the new file is taken.
+    // The preferred name of the new file is taken by another file.
     place.write("moved.ron", "");
     let (path, new) = (place.path("both.ron"), place.path("moved-2.ron"));
     for can in [lazy(), json!({ "workspace": lazy()["workspace"] })] {

@@ -122,7 +122,7 @@ impl Server {
         state.files.keys().map(|path| path.trim_start_matches(ROOT).to_owned()).collect()
     }
 
-    /// Stores these files.
+    /// Stores these files under their names.
     pub(super) fn fill(&self, files: &BTreeMap<String, Vec<u8>>) {
         let files = files.iter().map(|(name, bytes)| (format!("{ROOT}{name}"), bytes.clone()));
         self.state.lock().unwrap().files.extend(files);
@@ -170,7 +170,7 @@ fn answer(mut stream: TcpStream, state: &Mutex<State>) -> std::io::Result<()> {
     }
     let mode = match state.mode.unwrap_or(Mode::Honest) {
         Mode::Any(seed) => {
-            // Half of the requests are answered honestly, so the server has files with which it can misbehave.
+            // Half of the requests are answered correctly, so that the server gets files with which it can misbehave.
             let next = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
             state.mode = Some(Mode::Any(next ^ next >> 33));
             let pick = (next >> 40) as usize;

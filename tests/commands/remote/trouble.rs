@@ -81,7 +81,7 @@ fn a_host_hears_of_the_trouble_with_a_server() {
     let mut command = machine.command(&["serve", "--stdio", "--cache-remote", &address]);
     let command = command.current_dir(project.path()).stdin(Stdio::piped()).stdout(Stdio::piped());
     let mut process = command.spawn().unwrap();
-    // The run continues only while stdin is open.
+    // The run lasts only while its stdin is open.
     let mut requests = process.stdin.take().unwrap();
     writeln!(requests, "{}", json!({ "id": 1, "do": "run", "graph": "fine.ron" })).unwrap();
     let lines = BufReader::new(process.stdout.take().unwrap()).lines();

@@ -30,7 +30,7 @@ fn paint(materials: &Json) -> Json {
     input
 }
 
-/// Runs the graph with a value and returns the resulting mesh.
+/// Runs the graph with this input value, and returns the resulting mesh.
 fn fine(host: &mut Host, value: &Json) -> Json {
     let want = json!([{ "value": "fine", "as": "mesh" }]);
     let run = json!({ "graph": "doll.ron", "inputs": { "mesh": value }, "want": want });

@@ -23,7 +23,7 @@ fn only_what_depends_on_a_missing_file_fails() {
         let warning = vec![("warning", MESSAGE)];
         assert_eq!((&told["ok"], problems(&told)), (&json!(true), warning), "{asked}");
     }
-    // Checks a run: the requested values, the values in the answer, and the states of the nodes that they need.
+    // Checks a run: the values that are requested, those in the answer, and the states of the nodes on which they depend.
     fn check(
         want: Option<&[&str]>,
         set: Json,

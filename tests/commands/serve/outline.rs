@@ -90,7 +90,7 @@ fn each_link_and_field_of_each_graph_is_where_edits_find_it() {
         for node in list(&outline["nodes"]) {
             let name = node["name"].as_str().unwrap();
             if list(&outline["nodes"]).iter().filter(|other| other["name"] == name).count() > 1 {
-                // Two nodes have the same name, which is an error: an edit cannot tell which one is meant.
+                // Skip nodes whose name occurs twice. This is an error in the graph, and an edit cannot tell which of the nodes is meant.
                 continue;
             }
             fn takes_list(port: &str, text: &str) -> bool {
@@ -101,7 +101,8 @@ fn each_link_and_field_of_each_graph_is_where_edits_find_it() {
                 let linked = json!({ "link": { "port": way, "to": to } });
                 match ask(&mut host, "edit", edit(graph, linked, true)) {
                     Ok(done) if done["text"] == text => {}
-                    // The port accepts many links but has only one, written without a list. A link to the port itself would be added to it.
+                    // The port accepts many links but has only one, written without a list. So linking the port without an index appends a
+                    // second link.
                     Ok(_) => {
                         let linked = json!({ "link": { "port": format!("{way}.0"), "to": to } });
                         let done = ask(&mut host, "edit", edit(graph, linked, true)).unwrap();
@@ -331,7 +332,7 @@ Layout(
     assert_eq!(host.ask("outline", graph.clone())["layout"], Json::Null);
     assert_eq!(fs::read_to_string(project.folder().join("doll.ron")).unwrap(), text);
 
-    // A foreign file with this name is not replaced.
+    // A file of another program is not replaced, even if it has the name of the layout file.
     for (other, place) in [(text, "1:1"), ("Layout(\n    nodes: 3,\n)\n", "2:12")] {
         fs::write(&kept, other).unwrap();
         let why = host.refusal("layout", json!({ "graph": "doll.ron", "layout": moved }));

@@ -579,7 +579,7 @@ fn nothing_is_computed_anew() {
         maquette::edit::inline(&path, &done.edited.text, "nose", catalog(), &options).unwrap();
     assert_eq!(inlined.text, DOLL);
     assert_eq!(count(&inlined.text, &mut evaluator, &options, &path).0, 0);
-    // Renaming a node causes no node to run again, but changing a value does.
+    // Renaming a node of the graph causes no node to run again, but changing a value does.
     let other = apply_edits(DOLL, &[rename("red", "blue")]).unwrap();
     assert_eq!(count(&other, &mut evaluator, &options, &path).0, 0);
     let other = done.edited.text.replace("default: 12.0", "default: 13.0");

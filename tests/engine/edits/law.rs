@@ -126,7 +126,7 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
                     Edit::Unlink { port: a.get(&sketch.links).0.clone() }
                 }
                 _ if !free.is_empty() => Edit::Unlink { port: a.get(&free).clone() },
-                // All links of this graph are required, so set a value instead.
+                // All links of this graph are required, so no link can be removed. Set a value instead.
                 _ => random_edit(sketch, 5, dice),
             }
         }
@@ -225,7 +225,8 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &EditedText) -> Result<(),
             let is_new = matches!(edit, Edit::Add { .. });
             if is_new {
                 let common = in_common(old, new);
-                // Returns true if the added text is a comma before a comment, and the new entry after that comment.
+                // Returns true if the text that the edit has added consists of a comma before a comment, and a new entry after this
+                // comment.
                 fn comma(common: usize, old: &str, new: &str) -> bool {
                     is_within(old, new) && in_common(&old[common..], new) > 0
                 }

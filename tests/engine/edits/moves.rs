@@ -126,14 +126,14 @@ fn judge(path: &Path, text: &str, nodes: &[String], new: &ExtractedGraph) -> Res
             format!("has no form:\n{}", texts()),
         )?;
     }
-    // No comment is lost or duplicated.
+    // No comment may be lost or duplicated by the extraction.
     let mut comments = Vec::from_iter(sketch::comments(after));
     comments.extend(sketch::comments(&new.text));
     comments.sort_unstable();
     let mut known = Vec::from_iter(sketch::comments(text));
     known.sort_unstable();
     holds(comments == known, format!("other comments:\n{}", texts()))?;
-    // All lines outside of the moved nodes are unchanged.
+    // All lines outside of the moved nodes must be unchanged.
     let lines = BTreeSet::<&str>::from_iter(text.lines());
     let (start, entry) = own_text(after, &new.name, &new.kind);
     let after_others = [&after[..start], &after[start + entry.len() + 3..]].concat();

@@ -12,7 +12,7 @@ use maquette::{InputFile, Value};
 pub(crate) struct Reader {
     /// The file format, and the type of the values that are read.
     pub(crate) name: &'static str,
-    /// Reads a file and ignores the result.
+    /// Reads the bytes of a file, and ignores the result.
     pub(crate) read: fn(&[u8]),
     /// Valid files. The tests damage copies of them.
     pub(crate) seeds: &'static [&'static [u8]],

@@ -147,7 +147,8 @@ fn each_use_has_its_own_values() {
     let wrong = relocate(&outer(", width: 60"), &options).unwrap_err();
     assert_eq!(wrong[0].message, "parameter `half` is 30, but must be at most 9");
     assert_eq!(wrong[0].uses[0].name, "up");
-    // `half: 5.0` must not be removed as a default. It equals the default of `half` without `width`, but with `width: 6` the default is 3.
+    // `half: 5.0` equals the default of `half` if `width` is omitted. But with `width: 6` the default is 3, so `half: 5.0` must not be
+    // removed.
     let text = outer(", width: 6, half: 5.0");
     let options = Options { files: Files::Ignored, ..options };
     let short =

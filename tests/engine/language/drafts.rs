@@ -59,7 +59,7 @@ fn a_final_run_never_reads_what_a_draft_gave() {
     // again.
     assert!(is_computed(&draft.2, "plain") && !is_computed(&last.2, "plain"));
     assert!(is_computed(&last.2, "skin") && is_computed(&last.2, "moved"));
-    // Each mode finds its own cached results. A session that never ran a draft gives the same final result.
+    // Drafts and final runs have separate cached results. A session that never ran a draft gives the same final result.
     assert_eq!(
         (run(&mut session, &options(true)).0, run(&mut session, &options(false)).0),
         (draft.0, last.0)

@@ -67,7 +67,7 @@ impl Folder {
     }
 }
 
-/// Loads a graph with these fields.
+/// Loads a graph whose text contains these fields.
 fn graph(fields: &str) -> Graph {
     let folder = Folder::new();
     folder.put("graph.ron", fields);
@@ -181,7 +181,7 @@ fn who_looks_at_one_node_forgets_no_element() {
     let inputs = InputValues::from([("points".to_owned(), points)]);
     let cache = tempfile::tempdir().unwrap();
     let folder = CacheFolder::At(cache.path().join("cache"));
-    // Uses a new session in each call, like a separate process.
+    // Each call uses a new session, like a separate process.
     let then = |wanted: Option<Targets>| {
         let settings = Settings { threads: 2, cache: folder.clone(), ..Settings::in_memory() };
         let mut session = Session::new(&[&maquette::format::PACK, &PACK], &settings).unwrap();

@@ -129,7 +129,7 @@ fn each_element_of_data_is_judged_and_its_example_is_not() {
     let of_the_second =
         expected.map(|it| format!("graph.ron:4 G020 {}", it.replace("`a.", "`caps/2.")));
     assert_eq!(told, of_the_second);
-    // Without elements, a `ForEach` checks nothing, not even the example element that is used in their place.
+    // A `ForEach` without elements checks no expectations, not even those of the example element that represents its elements.
     std::fs::write(project.path("closed.obj"), "").unwrap();
     std::fs::write(project.path("open.obj"), "").unwrap();
     assert!(!project.run_messages(Targets::Outputs).iter().any(|told| told.contains("G020")));

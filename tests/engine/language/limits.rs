@@ -26,7 +26,7 @@ struct Hold {
     after: Option<In<Mask>>,
 }
 
-/// The total memory estimate of the nodes that are running (`UNDER_WAY`) and its maximum so far (`MOST`), in kilobytes.
+/// The sum of the memory estimates of all running nodes (`UNDER_WAY`), and the largest value that this sum has had (`MOST`), in kilobytes.
 static UNDER_WAY: AtomicUsize = AtomicUsize::new(0);
 static MOST: AtomicUsize = AtomicUsize::new(0);
 
@@ -121,7 +121,7 @@ fn a_node_that_needs_too_much_is_refused_with_numbers_and_the_rest_goes_on() {
 fn nodes_that_fit_one_after_the_other_wait_for_each_other() {
     let _alone = ALONE.lock();
     MOST.store(0, Ordering::SeqCst);
-    // The results of earlier evaluations are not needed any more and must be dropped.
+    // The results of earlier evaluations are not needed anymore, so they must be dropped to make room for new ones.
     let nodes = (0..8).map(|seed| format!("\"n{seed}\": Hold(kb: 400, seed: {seed}), "));
     let graph = graph(&nodes.collect::<String>());
     let mut evaluator = megabyte();

@@ -209,7 +209,7 @@ fn a_problem_that_neither_side_had_is_told() {
             ),
         ],
     );
-    // A node with a new name and a new content is not a renamed node.
+    // A node with a new name and new content does not count as a renamed node.
     let theirs =
         theirs.replace("Label(mask: \"red\", connectivity: Four)", "Outline(mask: \"red\")");
     let merged = merge(BASE, &ours, &theirs);
@@ -266,8 +266,8 @@ fn an_expression_that_both_together_would_turn_into_another_is_a_conflict() {
         assert_eq!(place, "\"growth-levels\"", "{}", merged.text);
         assert_eq!(merged.text.matches(FAR).count(), 1, "{}", merged.text);
     }
-    // There is no conflict. With spaces, `growth - levels` is a difference of two parameters and not the new name `growth-levels`.
-    // `growth*levels` does not contain that name at all.
+    // There is no conflict: with spaces, `growth - levels` is a difference of two parameters, not the new name `growth-levels`.
+    // `growth*levels` does not contain the new name at all.
     for other in ["growth - levels", "growth*levels"] {
         let theirs = replace_each(BASE, &[(FAR, &format!("distance: Expr(\"{other}\")"))]);
         assert_eq!(merge(BASE, &ours, &theirs).conflicts, [""; 0]);

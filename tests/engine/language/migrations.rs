@@ -102,7 +102,7 @@ pub(super) const OLD_NAMES: Pack = Pack {
     ..Pack::EMPTY
 };
 
-/// Each node with its former names and with its present names.
+/// Each node of the old pack with its former names and its present name, for tests.
 const NODES: [[&str; 2]; 9] = [
     [r#""scan": ReadCapture(color: "a.png", range: "a.pcd")"#; 2],
     [
@@ -228,7 +228,7 @@ fn the_rest_of_a_graph_with_an_unknown_node_is_made_and_the_pack_is_named() {
     let out = folder.path().join("out");
     let into = OutputFolder::new(Some(&out), &path);
     let produced = session.produce(&graph, &[], &into, &(), &Default::default()).unwrap();
-    // The run must not report the diagnostics of the check again.
+    // The run must not repeat the diagnostics that the check has reported.
     assert_eq!(produced.diagnostics, []);
     let written: Vec<_> = produced.written.iter().map(|file| &file.output[..]).collect();
     assert_eq!(written, ["big.ply"]);

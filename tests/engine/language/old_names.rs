@@ -132,6 +132,6 @@ fn an_edit_under_an_old_name_changes_the_field_that_it_names() {
         assert_eq!(line, expected, "{now} {target}");
         assert_eq!((&put.target[..], put.before.as_deref()), ("one.jump", Some("6.0")));
     }
-    // All other nodes must stay unchanged, even those with former names.
+    // All nodes other than the edited one must stay unchanged, even those with former names.
     assert!(set_value(false, "red.how.distance", "9.0", &catalog).0.contains("Grid("));
 }

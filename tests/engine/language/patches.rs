@@ -95,7 +95,7 @@ fn a_path_is_relative_to_the_file_in_which_it_is_written() {
     {
         let patch = project.patch(patch);
         assert_eq!(faces(&patch, &[]), 2, "{}", patch.display());
-        // `outer.ron` patches this patch from another folder. The path stays relative to the file that contains it.
+        // `outer.ron` patches the patch of this test from another folder. The path stays relative to the file that contains it.
         project
             .write("outer.ron", "Patch(format: 1, of: \"sub/patch.ron\", params: { \"far\": 2 })");
         assert_eq!(faces(&project.path("outer.ron"), &[]), 2);
@@ -188,7 +188,7 @@ fn set(
     let set = [(target.to_owned(), value.to_owned())];
     let edited = maquette::edit::set_values(&path, &text, &set, &Catalog::new(PACKS), &options);
     let edited = edited.map_err(|problems| problems[0].message.clone())?;
-    // Setting the same value in the graph itself must report the same new value.
+    // Setting the value in the patched graph itself must report the same new value as setting it in the patch.
     let graph = maquette::edit::set_values(
         &project.path("g.ron"),
         GRAPH,

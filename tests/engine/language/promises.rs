@@ -135,7 +135,7 @@ fn an_input_that_several_nodes_take_is_told_once_at_the_use_that_gives_it() {
         "{line}"
     );
     assert_eq!(problem.uses.iter().map(|it| &it.name[..]).collect::<Vec<_>>(), ["out"]);
-    // The diagnostic also contains the violating elements as data.
+    // The diagnostic also contains the violating elements (such as edges) as data.
     let expected = [
         ("edge 0-2".to_owned(), [0.0, 0.5, 0.0]),
         ("edge 0-3".to_owned(), [0.0, 0.0, 0.5]),
@@ -351,7 +351,7 @@ fn a_promise_that_cannot_be_kept_is_told_once_for_each_use() {
     let fine = r#"Graph(format: 1, inputs: { "mesh": Mesh() },
         nodes: { "it": Subdivide(mesh: "mesh", scheme: CatmullClark) },
         outputs: { "fine": "it" }, promises: { "fine": [Triangles] })"#;
-    // This graph makes the same promise as the graph that it uses.
+    // This graph uses the graph above and makes the same promise.
     let library = r#"Graph(format: 1, use: { "Fine": "fine.ron" }, inputs: { "mesh": Mesh() },
         nodes: { "in": Fine(mesh: "mesh") }, outputs: { "fine": "in" }, promises: { "fine": [Triangles] })"#;
     let nodes = r#""square": ReadMesh(path: "square.obj"),

@@ -322,7 +322,7 @@ fn a_difference_is_shown_as_it_is_written_and_another_unit_for_the_same_is_none(
             "node out: changed translate.1: cm(3) -> cm(4)",
         ]
     );
-    // If a field is removed, the reported difference shows the whole tuple.
+    // If only one side of a comparison has the field `rotate`, the reported difference shows the whole tuple.
     let bare = first_text().replace("rotate: (0, 0, deg(5))", "pivot: 1");
     let gone = difference_texts(first_text(), bare);
     assert!(

@@ -54,7 +54,7 @@ fn a_value_that_is_as_expected_is_not_made_again_to_be_judged() {
     let (state, why, problems) = project.run(TEXT, "1.0");
     assert_eq!((state, problems), (State::Cached, Vec::new()));
     assert!(why.starts_with("`moved` does not run"), "{why}");
-    // A new value is checked, and so is a new expectation about an unchanged value.
+    // A new value is checked against the known expectations, and a known value is checked against a new expectation.
     assert_eq!(project.run(TEXT, "2.0").0, State::Computed);
     let (_, _, problems) = project.run(&TEXT.replace("high: (70", "high: (7"), "2.0");
     assert_eq!(problems.len(), 1, "{problems:?}");

@@ -129,7 +129,7 @@ fn an_optional_input_may_be_left_out_by_a_use_and_by_a_call() {
     assert_eq!(folder.vertices("dress.ron", &[]), Ok(4));
     folder.put("dress.ron", &dress("\"skirt.ron\"", ", hem: \"ball\""));
     assert_eq!(folder.vertices("dress.ron", &[]), Ok(8));
-    // Run the graph itself, with values for its inputs.
+    // Run the used graph on its own, with values for its inputs.
     assert_eq!(folder.vertices("skirt.ron", &["mesh"]), Ok(4));
     assert_eq!(folder.vertices("skirt.ron", &["mesh", "hem"]), Ok(8));
     let why = folder.vertices("skirt.ron", &["hem"]).unwrap_err();
@@ -234,7 +234,7 @@ fn a_lock_that_does_not_fit_is_a_warning_and_refused_where_it_must_fit() {
             let [problem] = &checked.diagnostics[..] else { panic!("{:?}", checked.diagnostics) };
             let expected = format!("`skirt.ron` differs from dress.lock.ron: {how}");
             assert_eq!((problem.severity, &problem.message), (severity, &expected));
-            // The diagnostic must point at the path of the used graph.
+            // The diagnostic must point at the path of the used graph, in the entry of `use`.
             let text = &problem.source.text;
             assert_eq!(&text[problem.span.start..problem.span.end], "\"skirt.ron\"");
         }

@@ -35,7 +35,7 @@ impl Candidates {
     }
 }
 
-/// The open edges: for each vertex, the start vertices of the open edges that end there. The latest is the last.
+/// The open edges: for each vertex, the start vertices of the open edges that end at the vertex. The latest edge is the last item.
 #[derive(Default)]
 struct OpenEdges(Vec<Vec<u32>>);
 
@@ -59,7 +59,7 @@ impl OpenEdges {
         open.push(from);
     }
 
-    /// Removes the open edge from `from` to `to`. Returns true if it existed.
+    /// Removes the open edge from `from` to `to`. Returns true if there was such an edge.
     fn take(&mut self, from: u32, to: u32) -> bool {
         let Some(open) = self.0.get_mut(to as usize) else { return false };
         let found = open.iter().rposition(|&other| other == from);
