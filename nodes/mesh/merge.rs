@@ -15,7 +15,7 @@ use super::common_frame::common_frame;
 use super::followed::{Part, move_vertices};
 use super::motion::Motion;
 use super::moved_mesh::moved_mesh;
-use super::poses::Poses;
+use super::poses::{Poses, no_pose_error};
 
 mod several;
 
@@ -110,13 +110,6 @@ fn is_colored(mesh: &Mesh) -> bool {
 /// Maximum size of a merged mesh in bytes; the computation may need three times as much.
 const BYTES: Limit =
     Limit { max: 4_000_000_000, items: "bytes", help: "merge fewer or coarser meshes" };
-
-/// Returns the error for a mesh without a pose. `mesh` is the number of the mesh in the list, from 1.
-pub(super) fn no_pose_error(mesh: usize) -> Error {
-    Error::new(format!(
-        "mesh {mesh} has no pose: only captures whose camera file has `world_from_camera_mm` have one, and only until they are moved"
-    ))
-}
 
 fn pose<'a>(mesh: &&'a Mesh) -> Option<&'a Matrix4<f64>> {
     mesh.frame()?.world_from_camera.as_ref()

@@ -15,9 +15,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use surfels::{Pyramid, Surfel, surfels};
 
-use super::Poses;
 use super::common_frame::common_frame;
-use super::merge::no_pose_error;
+use super::poses::{Poses, no_pose_error};
 
 mod cells;
 mod cloud;

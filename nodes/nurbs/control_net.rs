@@ -105,13 +105,6 @@ const FIXED_SIZE: &str = "`rows` and `columns` are for the methods `Rows`, `Pola
 /// The error of a net that has only one row or column.
 const ONE_LINE: &str = "a net has at least 2 rows and 2 columns";
 
-/// Returns the error of a region with too few rows or columns of cells.
-pub(crate) fn degenerate_region(rows: usize, columns: usize) -> Error {
-    Error::new(format!(
-        "the region has {rows} rows and {columns} columns of cells, too few for a surface"
-    ))
-}
-
 /// Makes the control net of a region of `range`, with a net coordinate for each of the region's cells. Methods other than `Auto` and
 /// [`NetMethod::Grid`] use `rows` and `columns`, where 0 means automatic.
 ///
@@ -134,7 +127,7 @@ pub fn control_net(
         );
     }
     if region.cells().len() == 1 {
-        return Err(degenerate_region(1, 1));
+        return Err(harmonic::degenerate_region(1, 1));
     }
     if (rows, columns) != (0, 0) {
         let (low, high) = region.bounds();

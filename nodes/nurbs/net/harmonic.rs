@@ -15,7 +15,6 @@ use super::mean_value::relax;
 use super::parameterized::{on_border, parameterize};
 use super::polar::PARTS;
 use super::rows::resample;
-use crate::control_net::degenerate_region;
 use crate::grid::disk::Disk;
 use crate::grid::window::GridWindow;
 
@@ -27,6 +26,13 @@ const MAX_LINES: usize = 4096;
 
 /// Maximum distance of a given corner from the contour, in cells: the accuracy with which users pick a cell in a picture.
 const SNAP: f64 = 3.0;
+
+/// Returns the error of a region with too few rows or columns of cells.
+pub(crate) fn degenerate_region(rows: usize, columns: usize) -> Error {
+    Error::new(format!(
+        "the region has {rows} rows and {columns} columns of cells, too few for a surface"
+    ))
+}
 
 /// Makes the net with the given corners (column, row). `rows` and `columns` are automatic where they are 0.
 pub(crate) fn net(
