@@ -54,7 +54,7 @@ impl PrimalScheme {
         }
     }
 
-    /// Returns true if a step also makes a vertex in each face.
+    /// Returns true if a step makes a new vertex in each face, in addition to those for old vertices and edges.
     pub(crate) fn has_middles(self) -> bool {
         match self {
             Self::CatmullClark => true,

@@ -33,7 +33,7 @@ pub(super) struct Feet {
     /// Each foot point as a weighted mean of three vertices of the refined mesh.
     pub(super) rows: Stencils,
     pub(super) missed: Residuals,
-    /// For each given point the nearest point of the surface; `None` if it is too far away.
+    /// For each given point the nearest point of the surface; `None` if the given point is too far from the surface.
     pub(super) nearest: Vec<Option<Nearest>>,
 }
 

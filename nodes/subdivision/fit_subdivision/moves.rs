@@ -67,7 +67,7 @@ impl Default for Prices {
     }
 }
 
-/// The error of a scan without faces.
+/// The error message for a scan without faces.
 pub(super) const NO_SURFACE: &str = "`moves: ByEnergy` also measures distances between the points: expected a mesh with faces as `points`; \
                                      use `Reconstruct` for points and `Triangulate` for range images";
 
@@ -116,7 +116,8 @@ pub fn fit_by_moves(
 /// The number of edges whose moves are evaluated in parallel.
 const BATCH: usize = 32;
 
-/// A move must lower the energy by at least this fraction of the price. This ensures that the search ends.
+/// A move must lower the energy by at least this fraction of the price of a sharp edge (for changes of sharpness) or of a vertex (for all
+/// other moves). This ensures that the search ends.
 const MIN_GAIN: f64 = 0.1;
 
 /// A control mesh while edge operations improve it.

@@ -46,7 +46,7 @@ pub(super) struct Change {
 pub(super) struct Net {
     pub(super) positions: Vec<Point3<f64>>,
     pub(super) faces: Vec<[u32; 3]>,
-    /// The faces around each vertex.
+    /// The indices of the faces around each vertex.
     around: Vec<Vec<u32>>,
     /// The sharpness of each sharp edge. The key is the edge's vertices in ascending order.
     sharp: BTreeMap<[u32; 2], f64>,
@@ -130,14 +130,14 @@ impl Net {
         edges
     }
 
-    /// Returns all faces around some vertices, without duplicates.
+    /// Returns the faces that contain at least one of the given vertices, without duplicates.
     pub(super) fn faces_around(&self, vertices: &[u32]) -> Vec<u32> {
         sort_and_dedup(
             vertices.iter().flat_map(|&vertex| self.around[vertex as usize].clone()).collect(),
         )
     }
 
-    /// Returns all vertices of some faces, without duplicates.
+    /// Returns the corners of the given faces, without duplicates.
     pub(super) fn corners_of(&self, faces: &[u32]) -> Vec<u32> {
         let corners = faces.iter().map(|&face| self.faces[face as usize]);
         sort_and_dedup(corners.filter(|corners| *corners != REMOVED).flatten().collect())
@@ -234,7 +234,7 @@ impl Net {
         };
         let others = self.neighbors(b);
         let common: Vec<_> = self.neighbors(a).into_iter().filter(|v| others.contains(v)).collect();
-        // A vertex opposite the edge loses a face. Its remaining faces must still form a fan.
+        // A vertex opposite the collapsed edge loses a face. The vertex's remaining faces must still form a fan.
         let ring = common.iter().any(|v| sharp[0].contains(v) && sharp[1].contains(v));
         if common.len() != sides.len()
             || common.iter().any(|&apex| {

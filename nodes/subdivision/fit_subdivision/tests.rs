@@ -60,7 +60,7 @@ fn distant_points_are_ignored_and_no_near_points_are_an_error() {
     assert_eq!(far.unwrap_err().to_string(), apart);
 }
 
-/// Creates a cube of edge 2. Each of its faces is divided into `n` by `n` squares of two triangles.
+/// Creates a cube with edges of length 2. Each of its faces is divided into `n` by `n` squares of two triangles.
 fn divided_cube(n: usize) -> Mesh {
     fn coordinate(k: usize, n: usize) -> f64 {
         2.0 * k as f64 / n as f64 - 1.0

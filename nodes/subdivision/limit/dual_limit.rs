@@ -66,7 +66,8 @@ impl DualLimit {
         stencils
     }
 
-    /// Returns two tangents for each of some vertices that have a face.
+    /// Returns two tangents for each of the given vertices, but none for a vertex without faces. Also returns the index of each vertex's
+    /// first tangent.
     pub(crate) fn tangents(&self, vertices: &[u32]) -> (Stencils, Column<u32>) {
         Stencils::build(vertices.len(), |scratch: &mut Scratch, item, rows| {
             let vertex = vertices[item] as usize;
@@ -151,7 +152,7 @@ impl DualLimit {
         vec![owner, self.mesh.next(twin), twin, self.mesh.next(owner)]
     }
 
-    /// Adds `share` times the weights of the new vertex at a corner.
+    /// Adds to `row` the weights of the new vertex at a corner, multiplied by `share`.
     fn push_inner(&self, half: u32, share: f64, row: &mut Vec<(u32, f64)>) {
         let face = self.mesh.face_of(half) as usize;
         let (corners, k) =

@@ -75,7 +75,7 @@ impl FinerDualLimit {
                 second += point * sine;
             }
             *position = (sum / n as f64).into();
-            // With two corners the sines are zero up to rounding, so the tangents do not span a plane.
+            // In a face with two corners the sines are zero up to rounding, so the tangents do not span a plane.
             let is_plane = n > 2;
             let across = first.cross(&second).try_normalize(0.0).filter(|_| is_plane);
             *normal = across.unwrap_or_default().into();

@@ -90,8 +90,8 @@ fn ring<const SIDES: usize>(corners: &[u32], own: &[u32], to: &mut [u32]) -> boo
     true
 }
 
-/// Returns three weights of the limit mask for a vertex with `n` neighbors: that of the vertex, of each neighbor, and of each opposite
-/// corner of a quad.
+/// Returns the limit mask of a vertex with `n` neighbors as three weights: of the vertex itself, of each neighbor, and of each quad corner
+/// opposite the vertex.
 fn mask(scheme: Scheme, n: usize) -> [f64; 3] {
     let n = n.max(1);
     match scheme {
@@ -118,7 +118,7 @@ struct Fans {
 }
 
 impl Fans {
-    /// Finds the corners at each vertex. Returns `None` if a vertex has fewer than three corners, or too many.
+    /// Finds the corners at each vertex. Returns `None` if a vertex has fewer than three or more than [`MAX_VALENCE`] corners.
     fn new(corners: &[u32], vertices: usize) -> Option<Self> {
         let mut starts = vec![0u32; vertices + 1];
         corners.iter().for_each(|&vertex| starts[vertex as usize] += 1);

@@ -16,8 +16,8 @@ pub(crate) struct Sharpness<'a, H> {
     rules: Rules<()>,
     /// The creases as pairs of edge and sharpness, sorted by edge. Boundary edges are sharp even if they are not listed.
     creases: &'a [(u32, f64)],
-    /// The vertices at semi-sharp creases, sorted, each with the number of its semi-sharp creases and the sum of their sharpness. Filled
-    /// only for Chaikin's rule.
+    /// The vertices at semi-sharp creases, sorted, each with the number of its semi-sharp creases and the sum of their sharpness. Empty
+    /// unless Chaikin's rule is used.
     softening: Vec<(u32, u32, f64)>,
 }
 
@@ -121,7 +121,8 @@ impl<'a, H: HalfEdges> Sharpness<'a, H> {
         }
     }
 
-    /// Returns the creases after one step. `children(e)` returns the two halves of edge `e`, first the one at its owner's start.
+    /// Returns the creases after one step. `children(e)` returns the two halves of edge `e`, first the half at the start of the edge's
+    /// owner (its first half-edge).
     pub(crate) fn refine(&self, children: impl Fn(u32) -> [u32; 2]) -> Vec<(u32, f64)> {
         let halves = self.creases.iter().flat_map(|&(edge, sharpness)| {
             let halves = children(edge).into_iter().zip(self.mesh.ends(edge));

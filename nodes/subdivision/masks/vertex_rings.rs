@@ -18,10 +18,12 @@ use crate::rules::Rules;
 
 /// The masks of a scheme.
 pub(crate) trait Masks: Sync {
-    /// Returns the weights of `v`, of each `e_j` and of each `F_j` in the new vertex that replaces a smooth vertex.
+    /// Returns three weights in the new vertex that replaces a smooth vertex with `n` neighbors: of the old vertex `v`, of each neighbor
+    /// `e_j` and of each face centroid `F_j`.
     fn vertex(&self, n: usize) -> [f64; 3];
 
-    /// Returns the weights of `v`, of each `e_j` and of each `F_j` in the limit point of a smooth vertex.
+    /// Returns three weights in the limit point of a smooth vertex with `n` neighbors: of the vertex `v`, of each neighbor `e_j` and of
+    /// each face centroid `F_j`.
     fn limit(&self, n: usize) -> [f64; 3];
 
     /// Two weights in the new vertex on a smooth edge: that of each end, and that of the opposite point (see `opposite`) on each side.
@@ -47,7 +49,8 @@ pub(crate) trait Masks: Sync {
         }
     }
 
-    /// Writes the weights of `e_j` and `d_j` in two tangents of a smooth vertex. The second tangent is counter-clockwise from the first.
+    /// Writes the weights of the neighbors `e_j` and opposite corners `d_j` in two tangents of a smooth vertex. The second tangent is
+    /// counter-clockwise from the first.
     fn tangents(&self, to: [&mut Weights; 2]);
 
     /// Writes the weights of a tangent on one side of a crease, where the vertex has the neighbors `e_0..=e_q`. The tangent points into the
@@ -167,7 +170,7 @@ impl<H: HalfEdges, M: Masks> RingMasks<'_, H, M> {
         }
     }
 
-    /// Returns the class of a vertex in the rules of Hoppe et al.
+    /// Returns the class that the rules of Hoppe et al. (1994) give to a vertex at a sharp edge.
     fn hoppe_class(&self, vertex: u32, half: u32) -> HoppeClass {
         let (mut ring, mut edges) = (Ring::default(), Edges::default());
         self.mesh.ring(self.mesh.clockwise_most(half), &mut ring);
@@ -317,7 +320,7 @@ impl<H: HalfEdges, M: Masks> RingMasks<'_, H, M> {
 
 /// The class of a vertex at a sharp edge, in the rules of Hoppe et al.
 enum HoppeClass {
-    /// The end of a crease.
+    /// The vertex is the end of a single crease.
     Dart,
     Regular,
     Irregular,

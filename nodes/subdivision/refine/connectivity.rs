@@ -158,7 +158,8 @@ fn check_edges(edges: &Edges, mesh: &Connectivity) -> Result<(), Error> {
 /// The maximum number of non-manifold edges or vertices that a message lists.
 const MAX_LISTED: usize = 5;
 
-/// Returns the error of a mesh that is not manifold. `defects` are its edges or vertices that are not.
+/// Returns the error of a mesh that is not manifold. `defects` lists its non-manifold edges or vertices, and `what` says what is wrong with
+/// them.
 fn non_manifold(what: &str, defects: impl ExactSizeIterator<Item = String>) -> Error {
     let count = defects.len();
     let mut first: Vec<String> = defects.take(MAX_LISTED).collect();

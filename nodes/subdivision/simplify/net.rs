@@ -262,8 +262,8 @@ impl Net {
             [true, false] => vec![first],
             [false, true] => vec![second],
             [false, false] => match quadric.minimum() {
-                // If costs are equal the first candidate wins. An end of the edge comes before the minimum, because it is
-                // exactly on the surface.
+                // If costs are equal the first candidate wins. The ends of the edge come before the minimum, because they are exactly on
+                // the surface.
                 Some(lowest) => vec![first, second, lowest],
                 None => vec![center(&first, &second), first, second],
             },

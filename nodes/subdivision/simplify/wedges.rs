@@ -190,7 +190,7 @@ fn carried_attributes(mesh: &Mesh) -> impl Iterator<Item = (&str, &Attribute)> {
     mesh.corner().iter().filter(|(name, _)| *name != "normal")
 }
 
-/// Returns true if the two entries of the attribute with these indices are equal.
+/// Returns true if the attribute has equal values at the two `indices`.
 fn is_same(attribute: &Attribute, indices: [u32; 2]) -> bool {
     let [a, b] = indices.map(|index| index as usize);
     match attribute {

@@ -27,7 +27,7 @@ impl ControlCurve {
     /// open B-spline has knots averaged from centripetal parameters: Lee, "Choosing nodes in parametric curve interpolation" (1989).
     ///
     /// # Errors
-    /// If there are too few points for the degree.
+    /// If there are too few points for the degree of the curve.
     pub(crate) fn new(
         basis: CurveBasis,
         points: &[Point3<f64>],

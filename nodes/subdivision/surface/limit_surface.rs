@@ -142,7 +142,7 @@ impl LimitSurface {
         LimitPart { surface: self, part, smooth: self.smooth(part) }
     }
 
-    /// Returns the fast representation of a part, if it has no creases and at most one irregular corner.
+    /// Returns the fast representation of a part that has no creases and at most one irregular corner; `Smooth::Not` for any other part.
     fn smooth(&self, part: u32) -> Smooth {
         let SurfaceFrame { rules, mesh: Level { mesh, .. }, smooth, .. } = &*self.frame;
         let valence = |half: u32| smooth[mesh.corners()[half as usize] as usize];
@@ -218,7 +218,7 @@ pub(crate) struct LimitPart<'a> {
 enum Smooth {
     Triangle(SmoothTriangle),
     Quad(SmoothQuad),
-    /// A quad whose irregular corner is the third one.
+    /// A quad whose irregular corner is the third corner, stored with its corners rotated so that this corner comes first.
     TurnedQuad(SmoothQuad),
     Not,
 }

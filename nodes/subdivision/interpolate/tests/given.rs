@@ -87,7 +87,7 @@ fn check(name: &str, mesh: &Mesh, scheme: Scheme, foot: Foot, direction: Directi
     let moved = max_displacement(&mesh, &found.shape);
     let said = format!("{name} {scheme:?} {foot:?} {direction:?}: {missed:e} {moved}");
     assert!(found.settled && missed <= 1e-6 && moved <= 1.0, "{said}");
-    // The check compares with the vertices' distances from a fine mesh; its accuracy depends on the edge length of this mesh.
+    // The expected distances are those of the vertices from a fine mesh; their accuracy depends on the edge length of the fine mesh.
     if mesh.positions().len() < 300 {
         let fine = refine_mesh(&found.shape, scheme, 5, true);
         let hits = TriangleTree::new(&fine).nearest_to_all(mesh.positions());
