@@ -112,8 +112,8 @@ pub(crate) fn degenerate_region(rows: usize, columns: usize) -> Error {
     ))
 }
 
-/// Makes the control net of a region of `range`, with a net coordinate for each of the region's cells. Methods other than `Auto` and
-/// [`NetMethod::Grid`] use `rows` and `columns`, where 0 means automatic.
+/// Makes the control net of a region of `range`, with a net coordinate (position in the net) for each of the region's cells. Methods other
+/// than `Auto` and [`NetMethod::Grid`] use `rows` and `columns`, where 0 means automatic.
 ///
 /// # Errors
 /// Returns an error if the region belongs to another grid or has only one cell, its shape is unsuitable for the method, or a size is given
@@ -272,7 +272,7 @@ pub(super) mod tests {
         let net = net(&region(&range, |x, y| x < 4 && y < 3), &range);
         assert_eq!((net.rows(), net.columns()), (5, 6));
         assert_eq!(net.chart().unwrap().coordinates[0], [0.0, 0.0]);
-        // Cells on the grid's border have no neighbor beyond it and stay fixed.
+        // The points of cells on the border of the range grid are fixed, since these cells lack a neighbor.
         let free: Vec<usize> = (0..30).filter(|&at| net.fixed_points()[at] == 0).collect();
         assert_eq!(free, [7, 8]);
     }

@@ -36,7 +36,7 @@ pub struct Loft {
     pub columns: usize,
 }
 
-/// The error of a loft without sections.
+/// The error message for a loft without sections.
 const NO_SECTIONS: &str = "there are no sections: both `curves` and `sections` are empty";
 
 fn empty_section(section: usize) -> Error {
@@ -103,7 +103,7 @@ impl Node for Loft {
 pub struct Section {
     /// The polyline that is divided into points, from end to end.
     points: Vec<Point3<f64>>,
-    /// The B-spline of the section, if it is one.
+    /// The curve of the section if the curve is a B-spline; `None` for a polyline.
     spline: Option<Curve>,
 }
 

@@ -97,7 +97,7 @@ pub fn offset_net(
     let factors = profile.factors(net, &free, offset.norm(), picture, progress)?;
     let moved = (net.points().iter().zip(factors).zip(free)).map(|((point, factor), free)| {
         let offset = offset * factor;
-        // Adding 0 would change -0 to 0.
+        // Adding a zero offset would change a coordinate of -0 to 0.
         if free == 0 || offset == Vector3::zeros() { *point } else { point + offset }
     });
     Ok(net.clone().with_points(moved.collect::<Vec<_>>())?)

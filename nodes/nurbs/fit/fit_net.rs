@@ -79,7 +79,7 @@ impl Direction {
 pub(crate) struct FittedNet {
     /// The control points, row by row.
     pub(crate) points: Vec<Point3<f64>>,
-    /// The largest step of a control point in the last round of an iteration that did not converge.
+    /// The largest step of a control point in the last round of an iteration that did not converge, in mm; 0 if all iterations converged.
     pub(crate) unsettled: f64,
     /// The largest distance and the root mean square of the distances before each round: first the rounds along u, then those along v.
     pub(crate) rounds: Vec<[f64; 2]>,

@@ -26,7 +26,7 @@ pub(crate) struct Target {
     pub(crate) cell: usize,
     /// The net coordinate of the cell.
     pub(crate) coordinate: [f64; 2],
-    /// The distance of the cell from the border, in cells of the range image; known only in the mode `Feather`.
+    /// The distance of the cell from the border of the region, in cells of the range image; known only in the mode `Feather`.
     pub(crate) depth: f64,
 }
 

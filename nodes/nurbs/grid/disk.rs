@@ -10,14 +10,14 @@
 
 use std::collections::BTreeMap;
 
-/// Used as the neighbor of a triangle across an edge that has no other triangle.
+/// Stands for a missing neighbor: the edge belongs to one triangle only.
 const NONE: u32 = u32::MAX;
 
 /// A region of the range grid as a triangulated disk.
 pub(crate) struct Disk {
     /// The (column, row) of each vertex. First come all cells of the window, then the vertices in the middle between two cells.
     pub(crate) places: Vec<[f64; 2]>,
-    /// For each vertex that is not a cell, the two cells between which it is.
+    /// For each vertex in the middle between two cells, these two cells.
     pub(crate) between: Vec<[u32; 2]>,
     /// The triangles, counter-clockwise in the picture.
     pub(crate) triangles: Vec<[u32; 3]>,
@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn a_hole_is_closed_and_a_spike_is_left_out() {
         let disk = disk(&["###..", "#.###", "###.."]).unwrap();
-        // The last cell of the spike makes no triangle; its first cell makes one with the corners above and below.
+        // The outer cell of the spike makes no triangle. The inner cell makes one with the corners above and below.
         assert_eq!(disk.border, [0, 5, 10, 11, 12, 8, 2, 1]);
     }
 

@@ -3,7 +3,7 @@
 use maquette_value::Region;
 use nalgebra::Point3;
 
-/// The seam that a blend leaves.
+/// The step that a blend leaves between the redesigned surface and the scan at the border of the region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seam {
     /// The largest displacement in mm of a cell of the region that is next to an outside cell.
@@ -22,8 +22,8 @@ impl Seam {
     }
 }
 
-/// Returns the seam that a blend leaves. `before` and `points` are the points of all cells before and after the blend, which differ only
-/// inside the region. The point of an invalid cell is NaN.
+/// Measures the seam that a blend leaves at the border of `region`. `before` and `points` are the points of all cells before and after the
+/// blend, which differ only inside the region. The point of an invalid cell is NaN.
 pub(crate) fn seam(region: &Region, before: &[Point3<f64>], points: &[Point3<f64>]) -> Seam {
     let (width, height) = (region.width(), region.height());
     let inside = region.grid();

@@ -28,7 +28,7 @@ const MAX_LINES: usize = 4096;
 /// Maximum distance of a given corner from the contour, in cells: the accuracy with which users pick a cell in a picture.
 const SNAP: f64 = 3.0;
 
-/// Makes the net with the given corners (column, row). `rows` and `columns` are automatic where they are 0.
+/// Makes the net with the given corners (column, row); `None` chooses them. `rows` and `columns` are automatic where they are 0.
 pub(crate) fn net(
     region: &Region,
     range: &RangeImage,
@@ -102,7 +102,7 @@ impl Sides {
     }
 }
 
-/// Returns true if four indices of a closed chain of `n` vertices follow each other along the chain.
+/// Returns true if the corners follow each other in this order along a closed chain of `n` vertices.
 fn in_order(corners: [usize; 4], n: usize) -> bool {
     let [_, a, b, c] = corners.map(|corner| (corner + n - corners[0]) % n);
     0 < a && a < b && b < c
@@ -282,7 +282,7 @@ fn map_to_square(disk: &Disk, sides: &Sides) -> Result<Vec<[f64; 2]>, Error> {
     Ok(square)
 }
 
-/// Returns the error of a region that could not be mapped to a square. The residual is a fraction of the square's side.
+/// Returns the error message for a region that could not be mapped to a square. The residual is a fraction of the square's side.
 fn not_mapped(residual: f64) -> Error {
     Error::new(format!("the region could not be mapped to a square: residual {residual:e}"))
 }

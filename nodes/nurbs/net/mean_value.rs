@@ -9,7 +9,7 @@ use crate::grid::disk::Disk;
 /// Tolerance of the solver: the residual as a fraction of the polygon's size. Rounding errors are about 1e-15.
 const TOLERANCE: f64 = 1e-13;
 
-/// Residual above which the map is an error: a thousandth of a cell on the largest net.
+/// Residual, as a fraction of the polygon's size, above which the map counts as failed: a thousandth of a cell on the largest net.
 const LARGEST: f64 = 1e-7;
 
 /// Number of relaxation rounds after the solver. In each round every vertex moves to the weighted mean of its neighbors, and thus inside

@@ -1,4 +1,5 @@
-//! Profiles of an offset between the center of a net's free points and its fixed ones.
+//! Profiles of an offset: the fraction of the offset by which each point of a net moves, from the center of the free points to the fixed
+//! points.
 
 use maquette_base::linear::laplace;
 use maquette_node::{Error, Progress, bail};
@@ -33,7 +34,7 @@ pub(crate) const NO_PICTURE: &str = "the profile `Picture` needs a field at the 
 
 impl Profile {
     /// Returns the factor of the offset, whose length is `distance`, for each point of a net, row by row. `free` is 1 for each point that
-    /// moves.
+    /// moves, 0 for a fixed point.
     pub(crate) fn factors(
         self,
         net: &value::ControlNet,

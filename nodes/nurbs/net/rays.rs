@@ -21,7 +21,7 @@ const MAX_TOOTH: f64 = 3.0;
 const TEETH_SHARE: f64 = 0.1;
 
 /// Tolerance for lengths and areas, in cells and square cells. A side of the line counts as pointing to the center if twice the area of the
-/// triangle between the side and the center is below this value. A ray shorter than this value counts as having no length.
+/// triangle between the side and the center is below this value. A ray shorter than this value counts as a ray of length 0.
 const FLAT: f64 = 1e-12;
 
 /// The lengths of the rays from the origin to a closed line. Positions are (column, row) in cells, with rows growing down.
@@ -43,7 +43,7 @@ pub(crate) enum NotAStar {
     Bay {
         /// The (column, row) at the end of the ray with the longest hidden part.
         at: [f64; 2],
-        /// The length in cells of the part of that ray that is outside.
+        /// The length in cells of the part of that ray that is outside of the line.
         depth: f64,
     },
 }

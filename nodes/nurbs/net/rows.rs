@@ -11,8 +11,8 @@ use nalgebra::Point3;
 
 use super::parameterized::{on_border, parameterize};
 
-/// Minimum automatic number of lines, and of points per line: enough for a cubic surface. Fewer would be an error for surfaces of higher
-/// orders; more would only add interpolated points.
+/// Minimum number of lines, and of points per line, if it is chosen automatically: enough for a cubic surface. Fewer would be an error for
+/// surfaces of higher orders; more would only add interpolated points.
 const MIN_LINES: usize = 4;
 
 /// A sample closer to a point than this fraction of the line's length becomes exactly that point. The fraction is slightly larger than
@@ -121,7 +121,8 @@ impl Lines {
         let lines: Vec<_> =
             self.lines.iter().map(|line| resample(&line.points, &line.shares, along)).collect();
         let wanted = if across == 0 { lines.len().max(MIN_LINES) } else { across };
-        // If the net has as many lines as the region, they keep their positions: evenly spaced lines would be elsewhere.
+        // If the net has as many lines as the region, the net's lines are those of the region. Evenly spaced lines would be at other
+        // positions.
         let even = (wanted == lines.len()).then(|| vec![uniform_fractions(wanted); along]);
         let columns: Vec<_> = (0..along)
             .map(|k: usize| lines.iter().map(|line| line[k]).collect::<Vec<_>>())
