@@ -244,7 +244,7 @@ fn farthest(
     let mut positions = Vec::new();
     for step in 0..=count {
         progress.tick(step as f64 / count as f64)?;
-        // In the first step, the distances are those from the mean. They are replaced after the first point is chosen.
+        // In the first step, the distances are those from the mean of all points. In later steps, they are those from the chosen points.
         let keep = step > 1;
         let is_cancelled = AtomicBool::new(false);
         let best =

@@ -46,7 +46,7 @@ pub(crate) struct FieldInputs {
     /// The handles of the group; `None` for the deformation before the drag.
     group: Option<[Option<usize>; GROUP_SIZE]>,
     derivatives: bool,
-    /// The maximum error of a point in mm.
+    /// The maximum allowed error of a point in mm in the deformation before the drag. The fields of handles are exact.
     error: f64,
 }
 
@@ -152,7 +152,7 @@ impl Drag {
         Ok((rebuild(&self.object, field)?, report))
     }
 
-    /// Adds the displacements that the steps of the dragged handles cause, group by group, to the positions before the drag.
+    /// Adds to the positions before the drag the displacements that the steps of the dragged handles cause, group by group.
     fn add(
         &self,
         steps: &[Matrix3<f64>],

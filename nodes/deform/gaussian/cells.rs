@@ -21,7 +21,7 @@ pub(crate) struct Cells {
     /// list.
     lists: Vec<u16>,
     starts: Vec<u32>,
-    /// True if powers of 2 may be computed approximately.
+    /// True if the allowed error is large enough to compute powers of 2 approximately.
     is_rough: bool,
 }
 
@@ -86,7 +86,8 @@ impl Cells {
         }
     }
 
-    /// Returns the number of points to pass to [`Cells::apply`] at once, so that each cell contains enough of them.
+    /// Returns the number of points to pass to [`Cells::apply`] at once, so that each cell gets enough of these points to fill the SIMD
+    /// lanes.
     pub(crate) fn chunk(&self) -> usize {
         POINTS_PER_CHUNK_AND_CELL * (self.starts.len() - 1)
     }

@@ -284,7 +284,7 @@ impl Work for Positions<'_> {
 /// A buffer of point coordinates. It is filled before any point is computed, so that the memory accesses overlap.
 pub(crate) type PointBuffer = [[Lanes<LANES>; 3]; 8];
 
-/// A buffer whose coordinates are all 0.
+/// A point buffer with all coordinates 0.
 pub(crate) const EMPTY_BUFFER: PointBuffer = [[Lanes::ZERO; 3]; 8];
 
 /// Computes the new positions of those points whose indices are `members`.

@@ -55,7 +55,7 @@ fn points_far_away_follow_the_nearest_handle() {
 
 #[test]
 fn vanishing_sums_are_continuous() {
-    // The second point moves across the distance at which the sums of the Gaussians underflow.
+    // The positions of the second point are on both sides of the distance at which the sums of the Gaussians underflow.
     let handles = vec![
         handle(Point3::origin(), Point3::new(0.1, 0.0, 0.0), [0.05; 3]),
         handle(Point3::new(0.1, 0.0, 0.0), Point3::new(0.1, 0.1, 0.0), [0.05; 3]),
