@@ -1,4 +1,4 @@
-//! Separates the object from the background of a picture or range image.
+//! Separates the scanned object from the background of a picture or range image.
 
 use maquette_image::{Channel, Connectivity, Select, close, label, level, threshold};
 use maquette_node::{Context, Error, FieldError, In, Node, bail};
@@ -96,7 +96,7 @@ fn missing(by: &str, port: &str) -> Error {
 /// Marks the pixels of the picture that show the object. Gaps are closed with a square of radius `close_radius`. Then, with `fill`, areas
 /// that the object surrounds are added: background pixels from which no path along sides leads to the border of the picture.
 ///
-/// With [`ForegroundBy::Valid`] both steps use the cells of the range grid; then a pixel is marked if the closest cell is.
+/// With [`ForegroundBy::Valid`] both steps use the cells of the range grid; then a pixel is marked if the closest cell is marked.
 ///
 /// Returns an error if the port that `by` requires is missing, or if both ports are linked and `range` is registered to a picture of
 /// another size.

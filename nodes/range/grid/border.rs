@@ -32,7 +32,7 @@ const MAX_HALVINGS: usize = 32;
 
 impl Border {
     /// Finds the borders of `faces`. At most one border may pass through each vertex. `may_be` returns true for vertices that can be on a
-    /// border.
+    /// border; other vertices are not examined.
     pub(crate) fn new(faces: &[[u32; 3]], may_be: impl Fn(u32) -> bool) -> Self {
         let mut edges: Vec<[u32; 2]> =
             (faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]))

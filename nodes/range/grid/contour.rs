@@ -105,7 +105,7 @@ impl Borders {
                 right_is_outside |= to == RIGHT;
                 to = (to + 1) % 8;
             }
-            // Step 3.4: mark the cell.
+            // Step 3.4: mark the cell as visited.
             if right_is_outside {
                 self.marks[cell] = VISITED_RIGHT;
             } else if self.marks[cell] == 1 {

@@ -14,7 +14,7 @@ struct Footprint {
     weights: Vec<f64>,
 }
 
-/// One half, minus a tolerance for rounding.
+/// Minimum fraction of a cell's footprint that must be covered: one half, minus a tolerance for rounding.
 const HALF: f64 = 0.5 - 1e-9;
 
 /// Returns the cells of which at least half of the footprint is covered by the label `number`. Cells beyond the picture are not covered.
