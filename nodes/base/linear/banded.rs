@@ -34,9 +34,9 @@ impl BandedMatrix {
         row * (2 * self.half + 1) + column + self.half - row
     }
 
-    /// Factors the matrix into L U without pivoting. Returns `None` if it is singular. Without pivoting the factorization is stable for
-    /// B-spline matrices, whose minors are not negative: de Boor and Pinkus, "Backward error analysis for totally positive linear systems"
-    /// (1977).
+    /// Factors the matrix into L U without pivoting. Returns `None` if the matrix is singular. Without pivoting the factorization is stable
+    /// for B-spline matrices, whose minors are not negative: de Boor and Pinkus, "Backward error analysis for totally positive linear
+    /// systems" (1977).
     pub fn factor(mut self) -> Option<Factors> {
         let width = 2 * self.half + 1;
         let sizes: Vec<f64> = self
@@ -46,7 +46,7 @@ impl BandedMatrix {
             .collect();
         for (k, &size) in sizes.iter().enumerate() {
             let pivot = self.entries[self.entry_index(k, k)];
-            // The comparison is also false for a NaN pivot.
+            // The comparison is also false if the pivot is NaN.
             let is_usable = pivot.abs() > MIN_PIVOT * size;
             if !is_usable {
                 return None;

@@ -123,7 +123,7 @@ struct Level {
 }
 
 impl Multigrid {
-    /// Creates the sequence of grids below `grid`. Returns `None` if a pivot is lost to rounding.
+    /// Creates the sequence of grids below `grid`. Returns `None` if a pivot becomes 0 or negative by rounding.
     pub(super) fn new(mut grid: Grid) -> Option<Self> {
         let mut levels = Vec::new();
         while grid.cells.len() > MAX_DIRECT_UNKNOWNS {
@@ -135,7 +135,8 @@ impl Multigrid {
         Some(Self { levels, last: grid.factors()? })
     }
 
-    /// Returns an approximate solution. It is a linear function of `right` whose matrix is symmetric and positive definite.
+    /// Returns an approximate solution for the right side `right`. The solution is a linear function of `right`, with a symmetric and
+    /// positive definite matrix.
     pub(super) fn solve(&self, right: &[f64]) -> Vec<f64> {
         self.solve_on(0, right)
     }

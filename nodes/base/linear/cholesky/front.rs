@@ -93,7 +93,7 @@ fn eliminate(
             if column >= end {
                 continue;
             }
-            // The comparison is also false for a NaN pivot.
+            // The comparison is also false if the pivot is NaN.
             let is_usable = own[0] > min_pivots[column];
             if !is_usable {
                 return Ok(false);
