@@ -203,7 +203,7 @@ fn the_camera_of_a_moved_capture_follows_from_its_texture_coordinates() {
 fn what_is_not_seen_has_the_colors_around_it() {
     let front = bake_captures(&[shot(0.0, EQUAL, 0.0)], Level::Smooth);
     assert!((0.5..0.75).contains(&front.unseen), "{}", front.unseen);
-    // The texture has no color of the background, and no color that is darker or lighter than the paint.
+    // No texel has the color of the background, and none is darker or lighter than the paint.
     let range = [0.1, 0.4].map(channel);
     for pixel in front.picture.pixels() {
         assert!(
