@@ -6,8 +6,8 @@ use maquette_scan::Scan;
 use maquette_value::{CaptureFrame, Mesh};
 use nalgebra::Matrix4;
 
-/// Moves a value by a rigid motion. The result is in the axes of the capture with the frame `frame`; without a frame it belongs to no
-/// capture.
+/// Moves a value by a rigid motion. The result is in the axes of the capture with the frame `frame`; if that is `None`, the result belongs
+/// to no capture.
 pub(super) fn move_item(
     what: &Movable,
     motion: &Matrix4<f64>,
@@ -34,7 +34,7 @@ fn with_frame(mesh: Mesh, frame: Option<&CaptureFrame>) -> Mesh {
     mesh.with_frame(frame)
 }
 
-/// Moves a scan like [`move_item`].
+/// Moves a scan by a rigid motion; see [`move_item`] for `frame`.
 pub(super) fn move_scan(
     scan: &Scan,
     motion: &Matrix4<f64>,

@@ -14,7 +14,8 @@ const NUMBERS: usize = 40;
 pub(super) struct Histogram([f32; NUMBERS]);
 
 impl Histogram {
-    /// Returns the squared distance of two histograms. If the sum reaches `max`, the computation ends early and returns the partial sum.
+    /// Returns the squared distance of two histograms, as a sum over their entries. If the sum reaches `max`, the computation ends early
+    /// and returns the partial sum.
     pub(super) fn distance_sq(&self, other: &Self, max: f32) -> f32 {
         let mut off = 0.0;
         for (a, b) in self.0.chunks_exact(8).zip(other.0.chunks_exact(8)) {

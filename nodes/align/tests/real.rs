@@ -13,7 +13,7 @@ mod beside;
 
 use beside::shared_folder;
 
-/// Returns the root folder of the project.
+/// Returns the root folder of the repository.
 fn project() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
