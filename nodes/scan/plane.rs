@@ -29,7 +29,7 @@ impl Plane {
         self.normal.dot(&point.coords) - self.offset
     }
 
-    /// Returns the plane with its sides exchanged.
+    /// Returns the same plane with its upper and lower side exchanged.
     #[must_use]
     pub fn flip(&self) -> Self {
         Self { normal: -self.normal, offset: -self.offset }
