@@ -20,7 +20,7 @@ impl Sheets {
     /// Finds the connected parts of a mesh, and the faces to reverse so that each part is consistently oriented.
     ///
     /// # Errors
-    /// Returns an error if a part is not orientable.
+    /// Returns an error if a part is not orientable, such as a Moebius strip.
     pub(super) fn new(mesh: &Mesh) -> Result<Self, Error> {
         let (edges, count) = (mesh.edges(), mesh.faces().len());
         // For each edge, the faces that use it. The flag is true if the face runs along the edge from the vertex with the lower index to
@@ -70,7 +70,7 @@ impl Sheets {
                 }
             }
             if let Some(&first) = torn.iter().min() {
-                // Each inconsistent edge was counted from both of its faces.
+                // Each edge with inconsistently oriented faces was counted twice, once from each face.
                 let (faces, count) = (flooded.len(), torn.len() / 2);
                 let [a, b] = edges.vertices[first];
                 let positions = mesh.positions();

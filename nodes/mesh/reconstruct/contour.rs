@@ -69,7 +69,7 @@ fn intersected_cells(field: &Field, progress: &Progress<'_>) -> Result<(Places, 
     let mut coarse: Vec<CellIndex> = Vec::new();
     for from in 0..=depth {
         let grid = &field.grids[from as usize];
-        // The cells of this grid, and the cells of the same size inside of cells of coarser grids.
+        // The intersected cells of this depth's grid, and the cells of the same size inside of intersected cells of coarser grids.
         let own = (0..grid.nodes.len()).into_par_iter().filter_map(|node| {
             let place = grid.nodes.place(node);
             let corners = grid.nodes.corners(place)?;
@@ -109,7 +109,7 @@ fn corners_of([x, y, z]: CellIndex) -> [CellIndex; 8] {
     })
 }
 
-/// The values at the nodes: above 0 inside, below 0 outside.
+/// The values of the function at the nodes, minus the value at the surface: above 0 inside, below 0 outside.
 struct Signs<'a> {
     field: &'a Field,
     nodes: &'a Places,
@@ -139,7 +139,7 @@ impl Signs<'_> {
     }
 
     /// Returns the cells that the surface intersects after the nodes in `taken_in` have become inner nodes. `before` contains the cells
-    /// that it intersects without this change.
+    /// that the surface intersects without this change.
     fn cells(&self, before: &Places) -> Places {
         let mut cells: BTreeMap<[i32; 3], CellIndex> = BTreeMap::new();
         let changed = self.taken_in.iter().flat_map(|&[x, y, z]| corners_of([x - 1, y - 1, z - 1]));
@@ -178,7 +178,7 @@ fn compose(
         if composed[mask(&corners)] {
             continue;
         }
-        // Nodes at the border of the cube stay outside; otherwise the surface would be open.
+        // Nodes at the border of the cube must stay outside; otherwise the surface would be open.
         let last = 1 << field.cube.depth;
         let outside = (0..8)
             .filter(|&k| corners[k] <= 0.0)

@@ -64,7 +64,7 @@ fn push_edges(
     }
 }
 
-/// Propagates the orientation along the cheapest edges of the queue, and returns the surfels that it reaches.
+/// Propagates the orientation along the cheapest edges of the queue, and returns the indices of the surfels that are reached.
 fn propagate(
     surfels: &mut [Surfel],
     neighbors: &Lists,
