@@ -118,7 +118,7 @@ struct Fans {
 }
 
 impl Fans {
-    /// Finds the corners at each vertex. Returns `None` if a vertex has fewer than three or more than [`MAX_VALENCE`] corners.
+    /// Finds the corners at each vertex. Returns `None` if a vertex has fewer than three or more than `MAX_VALENCE` corners.
     fn new(corners: &[u32], vertices: usize) -> Option<Self> {
         let mut starts = vec![0u32; vertices + 1];
         corners.iter().for_each(|&vertex| starts[vertex as usize] += 1);
