@@ -24,7 +24,7 @@ pub(crate) enum PrimalScheme {
 }
 
 impl Scheme {
-    /// Converts the scheme to a primal scheme; returns `None` if it is dual.
+    /// Converts the scheme to a primal scheme; returns `None` for the dual scheme `DooSabin`.
     pub(crate) fn primal(self) -> Option<PrimalScheme> {
         match self {
             Self::Loop => Some(PrimalScheme::Loop),

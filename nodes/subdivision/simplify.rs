@@ -108,8 +108,8 @@ impl Simplifier {
         Ok(Self { net, heap })
     }
 
-    /// Performs an edge collapse, unless its cost is outdated or it would make the surface non-manifold or flip a face. Returns the number
-    /// of edges whose cost was recomputed.
+    /// Performs an edge collapse, unless its cost is outdated or the collapse would make the surface non-manifold or flip a face. Returns
+    /// the number of edges whose cost was recomputed.
     fn collapse(&mut self, next: &Collapse) -> usize {
         if !self.net.is_current(next) || !self.net.allows(next) {
             return 0;

@@ -234,8 +234,8 @@ fn extract_neighborhood(mesh: &Mesh, vertices: &[u32]) -> Result<(Mesh, Vec<Opti
     (0..).zip(kept).for_each(|(number, kept)| *kept = Some(number));
     let own = vertices.iter().map(|&vertex| numbers[vertex as usize]).collect();
     let bare = Mesh::new(mesh.positions().to_vec(), mesh.faces().clone())?;
-    // The extracted faces may form two parts that touch at a vertex, which is then split into copies. The first copy keeps the index. The
-    // curvature at such a vertex is not used.
+    // Extracted faces may form two parts that touch at a vertex. This vertex is then split into copies, the first of which keeps its index.
+    // The curvature at such a vertex is not used.
     let part = manifold(&select_faces(&bare.with_creases(mesh.creases())?, &faces)?)?;
     Ok((part, own))
 }

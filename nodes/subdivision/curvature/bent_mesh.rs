@@ -10,7 +10,7 @@ use super::curvature_ramp::CurvatureRamp;
 pub struct BentMesh {
     /// The mesh. For [`CurvatureMethod::Limit`](crate::CurvatureMethod::Limit) its vertices have been moved to the limit surface.
     pub mesh: Mesh,
-    /// The curvature at each vertex; `None` where it cannot be determined.
+    /// The curvature at each vertex; `None` where the curvature cannot be determined.
     pub bending: Vec<Option<Bending>>,
     /// For each vertex, true if the limit surface has no curvature there.
     pub extraordinary: Vec<bool>,

@@ -80,7 +80,7 @@ fn errors_on_a_torus_are_at_most_the_reference_errors() {
 
 #[test]
 fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
-    // A tube of triangles with edges parallel to its axis. The surface is straight in this direction.
+    // A tube of triangles with edges parallel to its axis, a direction in which the tube is straight.
     let (n, m) = (24u32, 9u32);
     fn name(i: u32, j: u32, n: u32) -> u32 {
         i % n + j * n

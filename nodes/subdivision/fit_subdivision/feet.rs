@@ -8,7 +8,8 @@ use nalgebra::Point3;
 
 use super::scan::Foot;
 
-/// The number of refinement steps of the mesh to which distances are measured. The vertices of this mesh are on the limit surface.
+/// The number of refinement steps from the control mesh to the mesh to which distances are measured. The vertices of the refined mesh are
+/// on the limit surface.
 pub(super) const LEVELS: u32 = 2;
 
 /// The nearest point of a surface to a given point.

@@ -17,7 +17,7 @@ const LEVELS: u32 = 1;
 /// The part of a control mesh that a move (an edge operation) changes, together with its neighborhood.
 pub(super) struct Local {
     mesh: Mesh,
-    /// For each vertex of the part its index in the control net.
+    /// For each vertex of this part of the control net, the vertex's index in the whole net.
     vertices: Vec<u32>,
     surface: ComposedLimit,
     /// The number of faces over which distances are measured. They are the first faces of `mesh`.
@@ -36,7 +36,8 @@ pub(super) struct Measure {
 }
 
 impl Local {
-    /// Extracts the part of a net around a change, as it is after the change. Returns `None` if the part is not manifold.
+    /// Extracts the part of a net around a change by an edge operation, as the part is after the change. Returns `None` if the part is not
+    /// manifold.
     pub(super) fn new(net: &Net, change: &Change, around: &Surroundings) -> Option<Self> {
         let [measured, margin] = [&around.measured, &around.margin].map(|faces| {
             let kept = faces.iter().filter(|face| !change.removed.contains(face));
@@ -51,7 +52,7 @@ impl Local {
             })
             .ok()?;
         let mesh = with_sharp(&mesh, &vertices, |ends| net.sharpness(ends, change)).ok()?;
-        // The part may touch itself at a vertex of its margin. Such a vertex is duplicated.
+        // The extracted part may touch itself at a vertex on its margin. Duplicate such a vertex.
         let mesh = manifold(&mesh).ok()?;
         let moved = change.position.map(|(vertex, _)| vertex);
         let free = sort_and_dedup(around.free.iter().copied().chain(moved).collect());
@@ -60,8 +61,8 @@ impl Local {
         Some(Self { mesh, vertices, surface, measured: measured.len(), free })
     }
 
-    /// Measures the distances between the part and `points`, and between the part and the scan. Returns `None` if the part has no nearest
-    /// point to one of the points.
+    /// Measures the distances between the part's surface and `points`, and between the part's surface and the scan. Returns `None` if the
+    /// part has no nearest point to one of the points.
     pub(super) fn measure(&self, points: &[Point3<f64>], scan: &Scan<'_>) -> Option<Measure> {
         let fine = self.fine()?;
         let nearest = TriangleTree::new(&fine).nearest_to_all(points).into_iter();
@@ -134,7 +135,7 @@ impl Local {
 /// The least-squares equations of the free vertices of a part.
 struct Equations<'a> {
     local: &'a Local,
-    /// For each vertex of the part its index among the free vertices; `None` if the vertex is not free.
+    /// For each vertex of the part of the control net, its index among the free vertices; `None` if the vertex is not free.
     unknown: Vec<Option<usize>>,
     matrix: DMatrix<f64>,
     right: DMatrix<f64>,

@@ -39,7 +39,7 @@ fn interpolate_mesh(
     interpolate(mesh, scheme, options, &[], &Progress::silent()).unwrap()
 }
 
-/// The largest distance between a vertex and the limit point of its control point.
+/// The largest distance between a given vertex and the limit point of the control point with the same index.
 fn farthest(mesh: &Mesh, control: &Mesh, scheme: Scheme) -> f64 {
     let surface = limits(control, scheme).positions.apply(control.positions());
     let pairs = mesh.positions().iter().zip(&surface);

@@ -77,8 +77,8 @@ impl DualLimit {
                 return;
             }
             if let Some(corners) = self.lone_face(ring) {
-                // The tangents are the first Fourier mode of the face's corners. A refinement step halves this mode, because its
-                // convolution with `alpha` is half of it.
+                // The tangents are the first Fourier mode of the face's corners. A refinement step halves this mode, because the
+                // convolution of this mode with `alpha` is half of the mode.
                 for part in 0..2 {
                     let n = corners.len();
                     (0..n).zip(corners).for_each(|(j, &corner)| {
@@ -108,7 +108,7 @@ impl DualLimit {
             row.clear();
             for (j, &half) in halves.iter().enumerate() {
                 let weight = match halves.len() {
-                    // With two edges at the vertex one tangent connects the two new vertices, and the other tangent runs across this
+                    // If the vertex has two edges, one tangent connects the two new vertices, and the other tangent runs across this
                     // connection.
                     2 if part == 1 => 0.0,
                     n => root_of_unity(j, n)[part],

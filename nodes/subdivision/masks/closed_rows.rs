@@ -13,7 +13,8 @@ use crate::Scheme;
 use crate::limit::dual_limit::alpha;
 use crate::refine::topology::Topology;
 
-/// The maximum number of corners at a vertex: the search for the next corner of a ring takes time proportional to it.
+/// The maximum number of face corners at a vertex for this fast path. The search for the next corner of a ring takes time proportional to
+/// the number of corners.
 const MAX_VALENCE: usize = 64;
 
 /// The number of vertices per parallel task.
@@ -82,7 +83,7 @@ fn ring<const SIDES: usize>(corners: &[u32], own: &[u32], to: &mut [u32]) -> boo
         }
         let Some(after) = ends.iter().position(|ends| ends[0] == previous) else { return false };
         at = after;
-        // The ring must return to the first corner after it has visited all other corners, and not earlier.
+        // The ring of faces must return to the first corner after visiting all other corners, and not earlier.
         if (at == 0) != (index + 1 == n) {
             return false;
         }

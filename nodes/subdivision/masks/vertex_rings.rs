@@ -32,8 +32,8 @@ pub(crate) trait Masks: Sync {
     /// Returns the matrix column of the point opposite a half-edge in its face: a corner, or the face's centroid.
     fn opposite(&self, mesh: &impl HalfEdges, half: u32) -> u32;
 
-    /// Adds `share` times the rule of a smooth edge: adds the weights of the ends to `ends`, and pushes the other weights to the current
-    /// row.
+    /// Adds `share` times the mask of the new vertex on a smooth edge: adds the weights of the edge's ends to `ends`, and pushes the other
+    /// weights to the current row.
     fn edge(
         &self,
         mesh: &impl HalfEdges,
@@ -58,7 +58,7 @@ pub(crate) trait Masks: Sync {
     fn across(&self, to: &mut Weights);
 }
 
-/// Weights of a vertex, its neighbors, and its faces (their centroids or opposite corners).
+/// A mask: the weights of a vertex, of its neighbors, and of its faces (of their centroids or of their corners opposite the vertex).
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Weights {
     pub(crate) own: f64,
@@ -337,11 +337,11 @@ fn is_regular(ring: &Ring, left: usize, right: usize) -> bool {
 
 /// The part of a ring between two sharp edges, or the entire ring.
 struct RingSide {
-    /// The index in the ring of this part's first neighbor.
+    /// The index, in the whole ring, of the first neighbor in this part of the ring.
     first: usize,
-    /// The number of faces in this part.
+    /// The number of faces in this part of the ring.
     q: usize,
-    /// True if the first and last edges of this part are sharp.
+    /// True if the first and the last edge of this part of the ring are sharp.
     is_sharp: bool,
 }
 

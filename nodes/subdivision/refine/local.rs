@@ -24,9 +24,9 @@ const BLOCK: usize = 1024;
 
 /// A set of faces of the control mesh, which is refined in each step.
 struct Part {
-    /// The half-edges that these faces have in the control mesh.
+    /// The half-edges, in the control mesh, of the faces in the set.
     halves: Rows,
-    /// The vertices of the refined faces, except for some at the border of the set.
+    /// The vertices of the refined faces of the set, except for some vertices at the border of the set.
     vertices: Rows,
 }
 
@@ -35,7 +35,7 @@ pub(crate) struct LocalRefinement<'a> {
     control: &'a [Point3<f64>],
     core: Part,
     halo: Part,
-    /// The steps taken so far, each with the positions after it. Positions are valid only in the halo and the core.
+    /// The refinement steps taken so far, each with the vertex positions after the step. Positions are valid only in the halo and the core.
     taken: Vec<(&'a Primal, Vec<Point3<f64>>)>,
 }
 
@@ -58,7 +58,7 @@ impl<'a> LocalRefinement<'a> {
         Self { control, core, halo, taken: Vec::new() }
     }
 
-    /// Performs the given steps.
+    /// Performs the given refinement steps in the core and the halo.
     ///
     /// # Errors
     /// If the evaluation is cancelled.
@@ -82,7 +82,7 @@ impl<'a> LocalRefinement<'a> {
         Ok(())
     }
 
-    /// Performs the last step, in the core only. Returns `refined` with its positions updated.
+    /// Performs the last refinement step, in the core only. Returns `refined`, the previous result, with updated positions in the core.
     ///
     /// # Errors
     /// If a position is not finite.

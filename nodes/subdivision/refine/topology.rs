@@ -13,7 +13,7 @@ pub(crate) struct Topology {
     /// The number of vertices.
     pub(crate) vertices: usize,
     pub(crate) faces: Faces,
-    /// The sharp edges with their sharpness, each as its vertices (a < b), sorted.
+    /// The sharp edges, sorted: the two vertices of each edge in ascending order, and the sharpness of the edge.
     pub(crate) creases: Vec<([u32; 2], f64)>,
 }
 

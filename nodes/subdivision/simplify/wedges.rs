@@ -34,7 +34,7 @@ struct MixedWedge {
     parts: Parts,
 }
 
-/// A side of an edge: the wedges that the faces on this side have at both ends.
+/// One side of an edge: the wedges at the two ends of the edge that belong to the face on this side.
 pub(super) type Side = [u32; 2];
 
 impl Wedges {
@@ -212,7 +212,7 @@ struct Linear {
     weight: f64,
     slope: Vector3<f64>,
     offset: f64,
-    /// The sum of the functions' weighted squares.
+    /// The weighted sum of the squares of the linear functions, as a quadric.
     squares: Quadric,
 }
 
@@ -229,7 +229,7 @@ impl Linear {
         self.squares += other.squares;
     }
 
-    /// Returns the sum of the functions' weighted squared deviations from their mean.
+    /// Returns the weighted sum of the squared deviations of the linear functions from their mean, as a quadric.
     fn deviation(&self) -> Quadric {
         let mut deviation = self.squares;
         if self.weight > 0.0 {

@@ -259,7 +259,8 @@ impl Piece {
         }
     }
 
-    /// Evaluates the limit point at a corner of the face, and the tangents on this face's side of any creases.
+    /// Evaluates the limit point at a corner of the face, and the tangents there. If creases meet at the corner, the tangents are those on
+    /// the side of this face.
     pub(crate) fn corner(&self, rules: Rules<PrimalScheme>, corner: usize) -> LimitPoint {
         match rules.scheme {
             PrimalScheme::Loop => self.apply_masks(rules, corner, LoopMasks),

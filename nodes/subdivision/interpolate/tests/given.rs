@@ -69,7 +69,7 @@ fn prepare(mesh: &Mesh, scheme: Scheme) -> Mesh {
     Mesh::new(mesh.positions().clone(), mesh.faces().clone()).unwrap()
 }
 
-/// The largest distance of a control point from its vertex, relative to the diagonal of the bounding box.
+/// The largest distance of a control point from the given vertex with the same index, relative to the diagonal of the bounding box.
 fn max_displacement(mesh: &Mesh, control: &Mesh) -> f64 {
     let pairs = mesh.positions().iter().zip(control.positions().iter());
     pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) / diagonal(mesh.positions())
@@ -172,7 +172,7 @@ fn an_unsolvable_problem_is_an_error_without_extreme_control_points() {
                     Interpolation { foot, direction, solver, iterations, ..Default::default() };
                 let options = InterpolateOptions { how, ..InterpolateOptions::default() };
                 match interpolate(&mesh, Scheme::CatmullClark, &options, &[], &Progress::silent()) {
-                    // If there is a solution, its control points are far from the vertices, but its surface is not.
+                    // If there is a solution, its control points are far from the given vertices, but its limit surface is near them.
                     Ok(found) => {
                         let surface = refine_mesh(&found.shape, Scheme::CatmullClark, 4, true);
                         let (low, high) = mesh.bounds().unwrap();
