@@ -46,7 +46,7 @@ fn default_resample() -> [usize; 2] {
     [1, 1]
 }
 
-/// Maximum number of cells of a finer grid. With this number of cells, the computation takes about 5 GB of memory.
+/// Maximum number of cells of the grid after `resample`. With this many cells, the computation needs about 5 GB of memory.
 const CELLS: Limit = Limit { max: 1 << 26, items: "cells", help: "choose a smaller `resample`" };
 
 impl Node for Blend {
@@ -91,7 +91,7 @@ impl Node for Blend {
 /// The result of a blend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlendedRange {
-    /// The range image with the surface in its cells.
+    /// The changed range image: the cells of the region have the points of the surface.
     pub range: RangeImage,
     /// The number of changed cells at which the grid newly folds over in the sensor's view, so that cells hide each other.
     pub folded: usize,
@@ -275,7 +275,7 @@ fn fill_beside(
     progress: &Progress<'_>,
 ) -> Result<Vec<u32>, CancelledError> {
     let width = canvas.width;
-    // The region has a point for each of its cells, even if the scan has none there.
+    // A region has a point for each of its cells, even for a cell without a scanned point.
     fn is_known(cell: usize, region: &Neighborhood, range: &RangeImage) -> bool {
         region.has(cell) || range.point(cell).is_some()
     }
@@ -398,8 +398,8 @@ fn changes(
         .collect())
 }
 
-/// Returns the surface of displacements: its control points are the net's offsets `points - base`; weights and knots are those of
-/// `surface`.
+/// Returns a surface whose points are displacements. Its control points are the offsets `points - base` of the net of `surface`; its
+/// weights and knots are those of `surface`.
 fn surface_of_offsets(surface: &Surface) -> Result<Surface, Error> {
     let net = surface.net();
     let offsets: Vec<Point3<f64>> = (net.points().iter().zip(net.base()))

@@ -99,10 +99,10 @@ impl Node for ControlNet {
     }
 }
 
-/// The error if `rows` or `columns` is given for a method that does not use them.
+/// The error message if `rows` or `columns` is given for a method that uses neither.
 const FIXED_SIZE: &str = "`rows` and `columns` are for the methods `Rows`, `Polar` and `Harmonic`";
 
-/// The error of a net that has only one row or column.
+/// The error message for a net that would have only one row or column.
 const ONE_LINE: &str = "a net has at least 2 rows and 2 columns";
 
 /// Returns the error of a region with too few rows or columns of cells.
@@ -246,7 +246,6 @@ pub(super) mod tests {
         control_net(region, range, NetMethod::Auto, 0, 0, &Progress::silent()).unwrap()
     }
 
-    // Tests the method `Grid`.
     #[test]
     fn a_rectangle_is_its_own_net_with_padding() {
         let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);

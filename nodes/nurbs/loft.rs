@@ -62,8 +62,7 @@ impl Node for Loft {
                 "link curves, as `curves: [\"curve\"]`, or write `sections: [[(0, 0, 0), ..], ..]`";
             return Err(FieldError::new("", NO_SECTIONS, help));
         }
-        // A net of one row has no surface. A single link may yield several curves if its data has parts, so nodes with links are not
-        // checked here.
+        // A net of one row has no surface. Nodes with links are not checked here, because a single link may yield several curves.
         if count == 1 && self.curves.is_empty() {
             let message = "expected at least 2 sections, found 1";
             return Err(FieldError::new("", message, "link or write another one, or an `end`"));

@@ -139,8 +139,8 @@ fn sum_of_steps(
     Ok(sum)
 }
 
-/// Two vectors count as parallel if the sine of the angle between them is below this value. The direction of their cross product would be
-/// rounding noise.
+/// Two vectors count as parallel if the sine of the angle between them is below this value. The direction of the cross product of such
+/// vectors would be rounding noise.
 const PARALLEL: f64 = 1e-9;
 
 /// Returns the axis around which a positive angle leans the normal along the first principal axis of the net's base, in the direction in

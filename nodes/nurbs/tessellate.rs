@@ -27,7 +27,7 @@ pub struct Tessellate {
     pub tolerance: f64,
 }
 
-/// The error if both a number of quads and a tolerance are given.
+/// The error message if both a number of quads and a tolerance are given.
 const BOTH: &str = "`tolerance` chooses the quads itself: leave `u` and `v` out";
 
 impl Node for Tessellate {

@@ -42,7 +42,7 @@ pub(crate) struct Residual {
 }
 
 impl Residual {
-    /// The residual of a single point at this distance.
+    /// The residual of a single point, given the vector from the curve or surface to the point.
     pub(crate) fn of_distance(distance: &Vector3<f64>) -> Self {
         Self { max: distance.norm(), sum_sq: distance.norm_squared() }
     }
@@ -245,7 +245,7 @@ impl Steps {
                 }
             }
             for (step, &sum) in self.moves.iter_mut().zip(&self.sums) {
-                // If a basis function is 0 at all points, its control point does not move.
+                // A control point whose basis function is 0 at all points does not move.
                 *step = if sum > 0.0 { *step / sum } else { Vector3::zeros() };
             }
             let last = self.moves.len() - 1;

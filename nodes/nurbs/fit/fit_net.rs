@@ -85,7 +85,7 @@ pub(crate) struct FittedNet {
     pub(crate) rounds: Vec<[f64; 2]>,
 }
 
-/// Fits a surface to `points` and returns its control points. There are as many points, row by row, as in `net`.
+/// Fits a surface to `points` and returns its control points. The list has as many points as the net of the surface, row by row.
 pub(crate) fn fit_points(
     points: &[Point3<f64>],
     net: &value::ControlNet,

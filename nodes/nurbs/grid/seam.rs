@@ -8,7 +8,7 @@ use nalgebra::Point3;
 pub struct Seam {
     /// The largest displacement in mm of a cell of the region that is next to an outside cell.
     pub step: f64,
-    /// The median distance in mm of neighboring cells outside of the region; infinite without such cells.
+    /// The median distance in mm between the points of neighboring cells outside of the region; infinite if there are no such cells.
     pub spacing: f64,
 }
 
@@ -16,7 +16,7 @@ pub struct Seam {
 const MIN_VISIBLE_STEP: f64 = 3.0;
 
 impl Seam {
-    /// Returns true if the step exceeds `MIN_VISIBLE_STEP` (three) cell spacings.
+    /// Returns true if the step is greater than `MIN_VISIBLE_STEP` (three) times the spacing of the cells, so that it can be seen.
     pub fn is_visible(&self) -> bool {
         self.step > MIN_VISIBLE_STEP * self.spacing
     }

@@ -28,7 +28,8 @@ const MAX_LINES: usize = 4096;
 /// Maximum distance of a given corner from the contour, in cells: the accuracy with which users pick a cell in a picture.
 const SNAP: f64 = 3.0;
 
-/// Makes the net with the given corners (column, row); `None` chooses them. `rows` and `columns` are automatic where they are 0.
+/// Makes the net with the given corners (column, row); if `corners` is `None`, they are chosen automatically. `rows` and `columns` are
+/// automatic where they are 0.
 pub(crate) fn net(
     region: &Region,
     range: &RangeImage,
@@ -120,7 +121,7 @@ fn chosen_corners(disk: &Disk) -> [usize; 4] {
             let [x, y] = local[*k];
             (across * x + down * y, -(across * x - down * y).abs())
         }
-        // Differences of the size of rounding errors are ignored, because corners must not depend on them.
+        // Ignore differences of the size of rounding errors: the choice of corners must not depend on rounding.
         let best =
             (0..n).map(|k| rank(&k, across, down, local).0).fold(f64::NEG_INFINITY, f64::max);
         let equals = (0..n).filter(|k| rank(k, across, down, local).0 >= best - 1e-9);
@@ -245,7 +246,8 @@ fn length(disk: &Disk, side: &[u32]) -> f64 {
     lengths(disk, side).last().copied().unwrap_or(0.0)
 }
 
-/// Returns, for each vertex of a side, the fraction of the side's length before it, from 0 to 1; all 0 if the side has no length.
+/// Returns, for each vertex of a side, the fraction of the side's length from the side's start to the vertex, from 0 to 1; all 0 if the
+/// side has no length.
 fn shares(disk: &Disk, side: &[u32]) -> Vec<f64> {
     let lengths = lengths(disk, side);
     let whole = lengths.last().copied().filter(|&whole| whole > 0.0).unwrap_or(1.0);

@@ -29,7 +29,7 @@ pub enum Profile {
     Picture,
 }
 
-/// The error of a profile that needs a picture, if none is linked.
+/// The error message if the profile needs a picture and none is linked.
 pub(crate) const NO_PICTURE: &str = "the profile `Picture` needs a field at the port `picture`";
 
 impl Profile {

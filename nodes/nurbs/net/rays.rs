@@ -34,7 +34,7 @@ pub(crate) struct Rays {
     along: Vec<f64>,
 }
 
-/// Reasons why a closed line is not star-shaped. Rays from the center of a star-shaped line cross it exactly once.
+/// Reasons why a closed line is not star-shaped. A line is star-shaped if each ray from its center crosses it exactly once.
 #[derive(Debug, PartialEq)]
 pub(crate) enum NotAStar {
     /// The line does not go around the origin exactly once.
@@ -60,8 +60,8 @@ impl Rays {
         let start = line.first().map_or(0.0, |[x, y]| libm::atan2(-y, *x));
         let step = TAU / count as f64;
         let (mut outermost, mut inside) = (vec![0.0f64; count], vec![0.0; count]);
-        // Rays are at half steps, so that no ray passes through the first vertex of the line, which is also the last. Rounding could lose
-        // such a ray.
+        // Rays are at half steps, so that no ray passes through the first vertex of the line, which is also the last. Because of rounding,
+        // such a ray could miss the line.
         let mut from = 0.0;
         for (a, b) in sides {
             let (turned, dot) = (turn(*a, *b), a[0] * b[0] + a[1] * b[1]);
@@ -73,7 +73,8 @@ impl Rays {
                 let direction = direction(start + (index as f64 + 0.5) * step);
                 let reach = turned / turn(direction, [b[0] - a[0], b[1] - a[1]]);
                 outermost[index] = outermost[index].max(reach);
-                // A ray leaves the inside where it crosses a counter-clockwise side, and enters it where it crosses a clockwise one.
+                // A ray leaves the inside where it crosses a counter-clockwise side, and enters the inside where it crosses a clockwise
+                // side.
                 inside[index] += if to < from { -reach } else { reach };
             }
             from = to;

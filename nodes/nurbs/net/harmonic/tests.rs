@@ -90,7 +90,7 @@ fn nets_of_regions_with_bays_and_holes_face_the_sensor() {
         assert!(down.cross(&right).z < 0.0);
         let chart = net.chart().unwrap();
         assert_eq!(&*chart.cells, whole.cells());
-        // A region in two parts is an error, unless one of them has no triangle. Both results are correct, so this only checks that nothing
+        // A region in two parts is an error, unless one of them has no triangle. Both results are correct, so check only that nothing
         // panics.
         let _ = control_net(&holed, &range, HARMONIC, 0, 0, &Progress::silent());
     }
