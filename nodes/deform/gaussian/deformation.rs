@@ -71,7 +71,8 @@ impl Base {
     }
 }
 
-/// Minimum reliable sum of powers. Below it, some terms may have underflowed (the minimum power is 2^-1022), and the sum is computed again.
+/// Minimum reliable sum of powers. If the sum is less, some terms may have underflowed (the minimum power is 2^-1022), and the sum is
+/// computed again.
 const MIN_TOTAL: f64 = 1e-150;
 
 /// The number of points that are computed together: enough for independent operations, and few enough to stay in registers.
