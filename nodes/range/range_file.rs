@@ -99,7 +99,7 @@ impl CameraSource<'_> {
         self.range.sibling("camera.json")
     }
 
-    /// Returns the files that the node reads only if they exist.
+    /// Returns the optional files of the node: those that it reads only if they exist.
     pub(super) fn files(&self) -> Vec<FilePath> {
         if self.camera.is_empty() { vec![self.default_camera()] } else { Vec::new() }
     }

@@ -24,7 +24,7 @@ const FACTORS: [f64; 2] = [0.5, -0.53];
 /// The number of faces that one task processes.
 const BLOCK: usize = 8192;
 
-/// The minimum fraction of its area that a face keeps when the border of the mesh is smoothed.
+/// When the border of the mesh is smoothed, each face must keep at least this fraction of its area.
 const MIN_AREA_RATIO: f64 = 1e-3;
 
 /// The maximum number of halvings of a vertex's motion. Motions that remain after 32 halvings are too small to be visible.

@@ -76,7 +76,8 @@ impl Footprint {
     fn new(cell: usize, scale: f64, offset: f64, pixels: usize) -> Self {
         // Use coordinates in which pixel k extends from k to k + 1.
         let [low, high] = [-0.5, 0.5].map(|side| scale * (cell as f64 + side) + offset + 0.5);
-        // Unlike `max` and `min`, `clamp` keeps a NaN. These would replace it by a bound, so that the cell would cover everything.
+        // Unlike `max` and `min`, `clamp` keeps a NaN. `max` and `min` would replace the NaN by a bound, so that the cell would cover all
+        // pixels.
         let [low, high] = [low, high].map(|end| end.clamp(0.0, pixels as f64));
         let (first, last) =
             if low < high { (low.floor() as usize, high.ceil() as usize) } else { (0, 0) };
