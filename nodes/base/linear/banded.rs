@@ -10,7 +10,8 @@ pub struct BandedMatrix {
     entries: Vec<f64>,
 }
 
-/// A pivot that is less than this fraction of its row's largest entry counts as zero, because it consists only of rounding errors.
+/// A pivot that is less than this fraction of the largest entry of its row counts as zero, because such a pivot consists only of rounding
+/// errors.
 const MIN_PIVOT: f64 = 1e-13;
 
 impl BandedMatrix {
@@ -72,7 +73,7 @@ impl BandedMatrix {
 pub struct Factors(BandedMatrix);
 
 impl Factors {
-    /// Solves the system: replaces its right side by the solution.
+    /// Solves the linear system for the right side `right`, which is replaced by the solution.
     pub fn solve(&self, right: &mut [Vector3<f64>]) {
         let matrix = &self.0;
         for row in 0..matrix.n {

@@ -55,7 +55,8 @@ struct Factor {
     columns: Front,
 }
 
-/// A pivot that is less than this fraction of its row's diagonal entry counts as zero, because it consists only of rounding errors.
+/// A pivot that is less than this fraction of its row's diagonal entry counts as zero, because such a pivot consists only of rounding
+/// errors.
 const MIN_PIVOT: f64 = 1e-13;
 
 /// Marks a group that has no parent in the assembly tree.
@@ -162,7 +163,8 @@ struct Tree {
     starts: Vec<u32>,
     /// For each group the rows below it that have nonzero entries in its columns, as positions in the elimination order, ascending.
     below: Vec<Vec<u32>>,
-    /// For each group its parent, the first later group that it updates; [`ROOT`] if there is none.
+    /// For each group its parent, which is the first later group that is updated by the elimination of the group; [`ROOT`] if there is
+    /// none.
     parents: Vec<u32>,
     children: Vec<Vec<u32>>,
 }

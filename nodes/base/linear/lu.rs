@@ -98,7 +98,7 @@ impl Lu {
         x
     }
 
-    /// Solves the system whose matrix is the transpose of this matrix.
+    /// Solves the linear system whose matrix is the transpose of the factored matrix.
     fn eliminate_transposed(&self, right: &[f64]) -> Vec<f64> {
         let mut x = right.to_vec();
         for k in 0..self.size {

@@ -28,7 +28,7 @@ pub(super) struct Grid {
     /// The index of each cell in the full grid, whose rows have `width` cells.
     pub(super) cells: Vec<usize>,
     pub(super) width: usize,
-    /// For each cell the indices of the unknowns above it, to its left, to its right and below it.
+    /// For each cell the indices of the neighboring unknowns above, to the left, to the right and below; [`NONE`] where there is none.
     pub(super) neighbors: Vec<[u32; 4]>,
     pub(super) weights: Vec<[f64; 4]>,
     pub(super) diagonal: Vec<f64>,
@@ -117,7 +117,7 @@ pub(super) struct Multigrid {
 
 struct Level {
     grid: Grid,
-    /// For each cell the cell of the next grid that contains it. `n_parents` is the number of cells in the next grid.
+    /// For each cell of this grid, the cell of the next coarser grid that contains it. `n_parents` is the number of cells in the next grid.
     parents: Vec<u32>,
     n_parents: usize,
 }

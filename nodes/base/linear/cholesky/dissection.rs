@@ -124,7 +124,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Creates a new part from these unknowns and returns its number.
+    /// Creates a new part that consists of the unknowns `members`, and returns the number of the part.
     fn create_part(&mut self, members: &[u32]) -> u32 {
         members.iter().for_each(|&k| self.part[k as usize] = self.parts);
         self.parts += 1;
