@@ -71,7 +71,7 @@ fn triangles_of_faces(mesh: &Mesh) -> Vec<(u32, [u32; 3])> {
 /// make adjacent triangles overlap slightly.
 const ROUNDED: f64 = 1e-3;
 
-/// Returns the reason why texture coordinates are not an atlas; `None` if they are one.
+/// Returns the reason why texture coordinates cannot be used as an atlas; `None` if they can.
 fn unusable_reason(mesh: &Mesh, uv: &[[f64; 2]]) -> Option<String> {
     let slack = -1e-6..=1.0 + 1e-6;
     if let Some(out) = uv.iter().find(|uv| !uv.iter().all(|x| slack.contains(x))) {
@@ -228,7 +228,7 @@ impl Texels {
             pixels[texel.pixel as usize] = *color;
             is_known[texel.pixel as usize] = true;
         }
-        /// Returns the pixel itself and its up to eight neighbors in a square picture.
+        /// Returns the indices of a pixel and of its neighbors (up to eight) in a square picture of `size` x `size` pixels.
         fn neighborhood(pixel: usize, size: usize) -> impl Iterator<Item = usize> {
             let (column, row) = (pixel % size, pixel / size);
             let columns = column.saturating_sub(1)..(column + 2).min(size);

@@ -110,7 +110,7 @@ impl Node for Bake {
 /// A mesh with a texture baked from captures.
 #[derive(Clone, Debug)]
 pub struct BakedMesh {
-    /// The mesh with its texture.
+    /// The mesh with the baked texture and its texture coordinates.
     pub mesh: Mesh,
     /// The baked texture.
     pub picture: Image,

@@ -177,7 +177,7 @@ fn check(mesh: &Mesh) -> Result<(), Error> {
     Ok(())
 }
 
-/// A mesh with the adjacency of its faces.
+/// A mesh, and the adjacency of its faces along edges.
 struct Surface<'a> {
     mesh: &'a Mesh,
     opposites: Vec<u32>,
@@ -195,7 +195,7 @@ const STEEP: f64 = 0.2;
 const RINGS: usize = 3;
 
 impl Surface<'_> {
-    /// Makes charts of some connected faces, and cuts them until each is flattened without a fold.
+    /// Makes charts of some connected faces, and cuts the charts until each can be flattened without a fold.
     fn settle(
         &self,
         faces: Vec<u32>,
@@ -282,7 +282,7 @@ impl Surface<'_> {
         [halves.0, halves.1].map(|half| self.pieces(half.iter().map(|it| it.1).collect())).concat()
     }
 
-    /// Returns, for each of the faces, true if the face or one of its neighbors is marked.
+    /// Returns, for each of `faces`, true if the face or one of its adjacent faces is marked.
     fn with_neighbors(&self, faces: &[u32], is_marked: &[bool]) -> Vec<bool> {
         faces
             .iter()

@@ -97,7 +97,8 @@ impl Leveling<'_> {
         if weight > 0.0 { (sum / weight).sqrt() } else { 0.0 }
     }
 
-    /// Returns, for each channel of each capture, the logarithm of its factor; the logarithms of a channel sum up to 0.
+    /// Returns, for each channel of each capture, the logarithm of the factor that equalizes it. For each channel, the sum of the
+    /// logarithms over all captures is 0.
     fn gains(&self, samples: &[Sample], captures: usize) -> Vec<[f64; 3]> {
         let mut ratios: BTreeMap<[u32; 2], Vec<(f64, [f64; 3])>> = BTreeMap::new();
         for [a, b] in self.pairs(samples) {

@@ -127,7 +127,7 @@ impl<'a> View<'a> {
         Ok(Self { number, mesh, tree, picture, camera, side, around, inside, feather, tolerance })
     }
 
-    /// Adds samples of the capture at all points that it sees.
+    /// Adds the samples of this capture at all points that the capture sees.
     pub(super) fn sample(
         &self,
         spots: &[Spot],

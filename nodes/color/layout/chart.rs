@@ -27,7 +27,7 @@ pub(super) struct Chart {
 const THIN: f64 = 1e-9;
 
 impl Chart {
-    /// Returns the chart of some faces, in ascending order, projected along its mean normal.
+    /// Returns the chart of the given faces, which are in ascending order, projected along the mean normal of the chart.
     pub(super) fn new(mesh: &Mesh, opposites: &[u32], of_corner: &[u32], faces: Vec<u32>) -> Self {
         let all = mesh.faces();
         let mut starts = Vec::with_capacity(faces.len());

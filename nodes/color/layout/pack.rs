@@ -210,7 +210,7 @@ impl Square {
         progress: &Progress<'_>,
     ) -> Result<Option<Vec<Spot>>, CancelledError> {
         let mut taken = vec![Row::default(); self.blocks];
-        // For each row, the length of its longest run of free blocks.
+        // For each row of blocks, the length of the longest run of free blocks in the row.
         let mut longest = vec![self.blocks; self.blocks];
         // The size of the last piece whose search began at the lowest row, and the row in which that piece was placed.
         let (mut searched, mut begin) = ([usize::MAX / 9; 2], 0);
@@ -243,7 +243,7 @@ impl Square {
                 }
             }
             let Some((_, spot, runs)) = best else { return Ok(None) };
-            // A piece of similar size does not fit below this row, either.
+            // Begin the next search at this row: a piece of similar size does not fit below it, either.
             begin = spot.at[1];
             for [row, first, count] in runs {
                 let row = spot.at[1] + row;

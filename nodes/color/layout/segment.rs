@@ -50,7 +50,7 @@ struct Cluster {
     rim: f64,
     /// The length of the common border with each neighboring cluster, in mm.
     around: BTreeMap<u32, f64>,
-    /// The number of changes of the cluster; it identifies outdated pairs in the queue.
+    /// The number of changes of the cluster. By this number, outdated pairs in the queue are recognized.
     version: u32,
 }
 
@@ -140,7 +140,7 @@ pub(super) fn segment(
     let mut sets = UnionFind::new(clusters.len());
     let mut done = 0usize;
     while let Some(Merging { pair: [a, b], versions, .. }) = heap.pop() {
-        // Skip an outdated pair: one of its clusters has changed since it was queued.
+        // Skip an outdated pair: one of its clusters has changed since the pair was queued.
         if [a, b].map(|it| clusters[it as usize].version) != versions {
             continue;
         }
