@@ -168,7 +168,7 @@ impl Turntable {
     /// Returns true if the angle of a motion between two scans is the turntable's rotation between them, within `ANGLE_TOLERANCE` degrees.
     fn allows(&self, [from, to]: [usize; 2], motion: &Isometry3<f64>) -> bool {
         let angle = self.angle * (from as f64 - to as f64);
-        // Reduce the angle to the range from -180 to 180 degrees; its sign is then ignored.
+        // Reduce the expected angle to the range from -180 to 180 degrees; only its absolute value is compared.
         let angle = (angle + 180.0).rem_euclid(360.0) - 180.0;
         (motion.rotation.angle().to_degrees() - angle.abs()).abs() <= ANGLE_TOLERANCE
     }

@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Matrix3, Matrix4};
 pub struct PairFit {
     /// The numbers of the two scans, counted from 1.
     pub scans: [u32; 2],
-    /// The fraction of each scan that lies on the other one, in percent.
+    /// The fraction of each of the two scans that lies on the other scan, in percent.
     pub overlap: [f64; 2],
     /// The number of points of either scan that have a corresponding point on the other scan.
     pub matches: u32,

@@ -27,7 +27,7 @@ pub(super) struct Cloud {
 pub(super) const MIN_POINTS: usize = 6;
 
 impl Cloud {
-    /// Converts scans to clouds.
+    /// Converts scans to point clouds with normals, in the order of the scans.
     ///
     /// # Errors
     /// If a scan has too few points, or its size or position is extreme.
@@ -290,7 +290,7 @@ fn orient_normals(
     normals
 }
 
-/// Flips the normals of the points in `part` if most of them point towards the centroid of these points.
+/// Flips the normals of the points in `part` if most of these normals point towards the centroid of the points.
 fn flip_outwards(points: &[Point3<f64>], normals: &mut [Vector3<f64>], part: &[usize]) {
     let middle = part.iter().map(|&k| points[k].coords).sum::<Vector3<f64>>() / part.len() as f64;
     let outwards = part.iter().map(|&k| normals[k].dot(&(points[k].coords - middle)));

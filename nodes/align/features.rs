@@ -19,7 +19,7 @@ mod histograms;
 const SAMPLES: f64 = 1200.0;
 /// The radii of the neighborhoods that histograms describe, in multiples of the sampling grid's edge.
 const RADII: [f64; 2] = [4.0, 7.0];
-/// For each point, the number of points of the other scan that are candidates for a match: the most similar ones.
+/// For each point, the number of the most similar points of the other scan that are candidates for a match.
 const SIMILAR: usize = 3;
 /// The maximum number of matches that are compared with each other.
 const MAX_MATCHES: usize = 1200;
@@ -165,7 +165,7 @@ fn most_similar(one: &Histogram, others: &[Option<Histogram>]) -> Vec<(f32, u32)
 struct Correspondences {
     /// For each match the point of the first scan and the point of the second scan.
     ends: Vec<[Point3<f64>; 2]>,
-    /// For each match the normals at its two points.
+    /// For each match the normals at the matched points of the first and the second scan.
     normals: Vec<[Vector3<f64>; 2]>,
     /// The edge length of the sampling grid's cells, in mm.
     edge: f64,
@@ -189,7 +189,7 @@ impl Correspondences {
         a.min(b) > 2.0 * self.edge && (a - b).abs() < 1.5 * self.edge && (u - v).abs() < 0.35
     }
 
-    /// Returns for each match the set of matches compatible with it, as a list of bits.
+    /// Returns for each match the set of the matches that are compatible with this match, as a list of bits.
     fn compatible_sets(&self) -> Vec<Vec<u64>> {
         let count = self.ends.len();
         (0..count)

@@ -10,7 +10,7 @@ use super::cloud::Cloud;
 pub(super) struct Fit {
     /// The number of sample points of each scan.
     pub(super) points: [usize; 2],
-    /// For each scan, the number of its points that lie on the other scan.
+    /// For each of the two scans, the number of its sample points that lie on the other scan.
     pub(super) on: [usize; 2],
     /// The number of points of both scans that do not lie on the other scan, although the surface of that scan continues there.
     pub(super) off: usize,
@@ -63,7 +63,7 @@ struct Comparison<'a> {
     motion: Isometry3<f64>,
     /// The edge length of the cells of the coarser of the two sampling grids, in mm.
     edge: f64,
-    /// The maximum distance at which a point still lies on the other scan, in mm.
+    /// The maximum distance, in mm, from the other scan at which a point counts as lying on it.
     tolerance: f64,
 }
 
@@ -79,7 +79,7 @@ impl Comparison<'_> {
         }
         let (offset, other) = (at - to.positions[near], to.normals[near]);
         let height = offset.dot(&other).abs();
-        // Beyond the border of the other scan there is no surface for a comparison.
+        // Beyond the border of the other scan, there is no surface with which the point could be compared.
         if (offset.norm_squared() - height * height).sqrt() > 1.2 * edge {
             return None;
         }

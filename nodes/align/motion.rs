@@ -23,7 +23,8 @@ pub(super) fn move_item(
     })
 }
 
-/// Sets the frame of a mesh. The mesh keeps its own picture and camera.
+/// Sets the frame of a mesh. The mesh keeps its own picture and camera, if it has any; the rest is that of `frame`. Without `frame`, the
+/// mesh gets no frame.
 fn with_frame(mesh: Mesh, frame: Option<&CaptureFrame>) -> Mesh {
     let own = mesh.frame().copied();
     let frame = frame.map(|frame| CaptureFrame {

@@ -244,7 +244,7 @@ fn solve(
     center: Point3<f64>,
     radius: f64,
 ) -> (Vec<Vector6<f64>>, usize) {
-    // The first scan does not move, so the system has no unknowns for it.
+    // The system has no unknowns for the first scan, because it does not move.
     fn offset(scan: usize) -> Option<usize> {
         Some(6 * scan.checked_sub(1)?)
     }

@@ -16,7 +16,7 @@ use super::refine::{Level, refine};
 
 /// The edge length of the finest sampling grid's cells, as a multiple of the distance between neighboring points.
 const MIN_EDGE_RATIO: f64 = 2.0;
-/// The maximum number of sample points for a scan; more would not change the result.
+/// The maximum number of sample points for a scan; more points would not improve the result.
 const MAX_SAMPLES: f64 = 5000.0;
 /// The maximum number of refinement steps on each sampling grid.
 const MAX_STEPS: usize = 40;

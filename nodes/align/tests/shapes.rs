@@ -39,7 +39,8 @@ pub(super) fn sphere() -> Scan {
     Scan::Mesh(closed_surface(0.0, |_| 30.0))
 }
 
-/// Creates a closed surface around the origin from rings of triangles. `radius` returns its distance from the origin in a direction.
+/// Creates a closed surface around the origin from rings of triangles. `radius` returns the distance of the surface from the origin in a
+/// given direction.
 fn closed_surface(turn: f64, radius: impl Fn(&Vector3<f64>) -> f64) -> Mesh {
     const RINGS: usize = 90;
     const VERTICES_PER_RING: usize = 150;
