@@ -136,7 +136,7 @@ pub fn dominant_plane(scan: &Scan, distance: f64, rank: u32) -> Result<PlaneInSc
     Ok(PlaneInScan { plane, fraction: share, hull: Hull::new(hull) })
 }
 
-/// Returns the points of a scan. For a mesh with faces, returns sample points that are distributed evenly over its area.
+/// Returns the points of a scan. For a mesh with faces, returns sample points that are distributed evenly over the area of the mesh.
 fn sample_points(scan: &Scan) -> Vec<Point3<f64>> {
     let Scan::Mesh(mesh) = scan else { return valid_positions(scan) };
     // The triangles, each with the sum of its area and the areas of all previous triangles.
@@ -272,7 +272,7 @@ impl Part {
         [0, 1].map(|axis| ((at[axis] - self.corner[axis]) / self.side).floor() as i64)
     }
 
-    /// Returns true if the grid square of a point, or one of its neighbors, belongs to the part.
+    /// Returns true if the grid square that contains a point, or one of the eight squares around it, belongs to the part.
     fn contains(&self, at: &[f64; 2]) -> bool {
         square_and_neighbors(self.square(at)).any(|square| self.squares.contains(&square))
     }
