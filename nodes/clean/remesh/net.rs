@@ -41,7 +41,7 @@ pub(super) fn previous(h: u32) -> u32 {
 pub(super) struct Net {
     pub(super) places: Vec<Point3<f64>>,
     pub(super) kinds: Vec<Kind>,
-    /// The start vertex of each half-edge; `NONE` if its triangle is deleted.
+    /// The start vertex of each half-edge; `NONE` if the half-edge's triangle is deleted.
     pub(super) from: Vec<u32>,
     pub(super) twins: Vec<u32>,
     /// For each half-edge, the sharpness of the crease that contains it, 0 for other features; `None` for an edge that is not a feature.

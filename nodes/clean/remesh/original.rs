@@ -64,7 +64,8 @@ impl<'a> Original<'a> {
         Ok((Self { mesh, tree: TriangleTree::new(mesh), curves }, net))
     }
 
-    /// Returns, for each point, the nearest point of the surface, and the normal of its triangle with twice the triangle's area as length.
+    /// Returns, for each point, the nearest point of the surface, and the normal of the triangle that contains this nearest point. The
+    /// length of the normal is twice the triangle's area.
     pub(super) fn on_surface(
         &self,
         points: &[Point3<f64>],
@@ -232,7 +233,7 @@ fn part_fans(net: &mut Net) {
 /// Determines how vertices on feature curves may move. A vertex is fixed where curves end or meet, or where a curve bends sharply within
 /// `length`.
 fn find_corners(net: &mut Net, length: f64) {
-    // For each vertex, its two neighbors along its curve; [`NONE`] for missing ones.
+    // For each vertex, its two neighbors along the feature curve that contains it; [`NONE`] for missing neighbors.
     let mut beside = vec![[NONE; 2]; net.places.len()];
     let mut counts = vec![0u32; net.places.len()];
     for h in net.edges().filter(|&h| net.is_feature(h)) {
@@ -307,7 +308,7 @@ fn curves(net: &Net) -> Result<Option<(Mesh, TriangleTree)>, MeshError> {
 }
 
 impl Net {
-    /// Returns the two neighbors of a vertex on a curve; `None` if it does not have exactly two.
+    /// Returns the two neighbors of a vertex along its feature curve; `None` if the vertex does not have exactly two.
     pub(super) fn along_curve(&self, vertex: u32) -> Option<[u32; 2]> {
         let (mut found, mut count) = ([NONE; 2], 0);
         self.visit_neighbors(vertex, |other, h| {

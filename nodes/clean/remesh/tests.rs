@@ -107,7 +107,7 @@ fn the_ridge_of_a_roof_stays_where_it_is() {
     let roof = sheet(20, |x, _| 5.0 - (x - 5.0).abs());
     let even = even(&roof, 0.8);
     assert!((area(&even) / area(&roof) - 1.0).abs() < 1e-9);
-    // At 180 degrees, the edge of the roof is not kept: it is rounded in places, but only slightly.
+    // With an `angle` of 180 degrees, the sharp edge of the roof is not kept: the edge is rounded in places, but only slightly.
     let cut = remesh(&roof, 0.8, 180.0, &Progress::silent()).unwrap();
     check(&roof, &cut);
     assert!(area(&cut) < area(&roof) - 1e-3);

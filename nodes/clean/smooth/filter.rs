@@ -5,7 +5,7 @@ use maquette_node::{Error, Progress, bail};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
-/// Residual at which the iteration stops, relative to the initial residual; it is far below the resolution of a scan.
+/// The iteration stops at this residual, relative to the initial residual. The remaining error is far below the resolution of a scan.
 const TOLERANCE: f64 = 1e-8;
 
 /// Maximum number of steps of the iteration: enough for waves of a thousand edges.
