@@ -12,7 +12,7 @@ use crate::polygons::{loops, project_to_plane, triangulate};
 pub(crate) enum Ground {
     /// Central projection from a sensor at the origin, onto the plane at the given z coordinate in mm.
     Seen(f64),
-    /// Parallel projection along a unit direction, onto the plane perpendicular to it at the given height in mm.
+    /// Parallel projection along the given unit direction, onto the plane perpendicular to this direction at the given height in mm.
     Below(Vector3<f64>, f64),
 }
 

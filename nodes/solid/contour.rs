@@ -20,12 +20,12 @@ const ORDERS: [([usize; 3], bool); 6] = [
 /// Each cell is divided into six tetrahedra (Doi and Koide, "An efficient method of triangulating equi-valued surfaces by using tetrahedral
 /// cells", 1991). The surface is therefore a manifold, and closed if no cell that it crosses is left out.
 pub(crate) struct Contour {
-    /// Minimum distance of a vertex from a grid node, as a fraction of a grid edge; it prevents degenerate triangles.
+    /// Minimum distance of a vertex from a grid node, as a fraction of a grid edge. This minimum prevents degenerate triangles.
     nearest: f64,
     pub(crate) points: Vec<Point3<f64>>,
     /// For each vertex, the end of positive depth of the grid edge on which the vertex is, and the depth of that end.
     pub(crate) deep_ends: Vec<(Point3<f64>, f64)>,
-    /// The triangles; they look toward the side of positive depth.
+    /// The triangles of the extracted surface. Their normals point to the side of positive depth.
     pub(crate) triangles: Vec<[u32; 3]>,
     numbers: HashMap<[[usize; 3]; 2], u32>,
 }

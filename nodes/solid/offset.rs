@@ -1,7 +1,7 @@
 //! Computes the surface of the volume within a given radius of a set of triangles.
 //!
-//! The surface is extracted from the tetrahedra of a grid, with its vertices on grid edges; such a surface never intersects itself. Then the
-//! vertices are moved to the exact radius. If this makes faces intersect, their vertices are moved back to their grid edges.
+//! The surface is extracted from the tetrahedra of a grid, with its vertices on grid edges; such a surface never intersects itself. Then
+//! the vertices are moved to the exact radius. If this makes faces intersect, their vertices are moved back to their grid edges.
 
 use maquette_node::{Error, Limit, LimitError, Progress};
 use maquette_value::parallel::*;

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 pub(crate) use maquette_value::polygon::project_to_plane;
 use maquette_value::polygon::{self, PlanePoint, is_in_triangle, orientation};
 
-/// Connects directed sides, each given by its start and its end, to closed loops of vertices. The loops are ordered by their lowest vertex
-/// index.
+/// Connects directed sides, each given by its start and its end, to closed loops of vertices. The loops are in the order of their lowest
+/// vertex indices.
 pub(crate) fn loops(sides: &[[u32; 2]]) -> Vec<Vec<u32>> {
     let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     sides.iter().for_each(|&[start, end]| next.entry(start).or_default().push(end));

@@ -116,8 +116,8 @@ impl Node for Shell {
 /// the surface where the surface is curved.
 const DISTANCE_FACTOR: f64 = 1.06;
 
-/// Height of the walls between a border and its lid, as a multiple of the shell's thickness. The walls must be higher than the shell is
-/// thick.
+/// Height of the walls between a border and its lid, as a multiple of the shell's thickness. The height of the walls must be greater than
+/// the thickness of the shell.
 const WALL_FACTOR: f64 = 1.3;
 
 /// Minimum absolute cosine of the angle between the normals of a lid and of the surface at its border, for which walls are added between
@@ -300,7 +300,8 @@ fn with_lids(mesh: &Mesh, behind: f64, lids: bool) -> Result<(Mesh, usize), Mesh
     Ok((grown.mesh()?, count))
 }
 
-/// Splits a loop into simple loops at each vertex that it visits twice. Holes that share a vertex have a common loop.
+/// Splits a loop of border vertices into simple loops at each vertex that the loop visits twice. This is needed because holes that share a
+/// vertex have a common loop.
 fn split_loop(rim: &[u32]) -> Vec<Vec<u32>> {
     let (mut loops, mut own) = (Vec::new(), Vec::new());
     let mut places = BTreeMap::new();

@@ -244,7 +244,7 @@ mod tests {
         let frame =
             CaptureFrame { camera: None, picture: [2, 2], depth: 20.0, world_from_camera: None };
         let seen = orient(&net(|_, _| 20.0, &[]), Outside::Flip).unwrap().mesh;
-        // Noise has moved one vertex past its neighbors, which makes a fold.
+        // Move one vertex past its neighbors, as noise may do, which makes a fold.
         let mut moved = seen.positions().to_vec();
         moved[40] += Vector3::new(2.5, 0.2, 0.1);
         let folded = seen.with_positions(moved).unwrap().with_frame(Some(frame));

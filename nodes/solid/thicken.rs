@@ -57,7 +57,7 @@ pub(crate) fn still_thin(count: usize, thickness: f64) -> String {
     )
 }
 
-/// Returns the faces at which the wall is thinner than `thickness`, each with its thickness.
+/// Returns the indices of the faces at which the wall is thinner than `thickness` mm, each with the thickness of the wall there.
 pub(crate) fn thin(mesh: &Mesh, tree: &TriangleTree, thickness: f64) -> Vec<(usize, f64)> {
     let behind = mesh.backings(tree).into_iter().enumerate();
     let thin = behind.filter_map(|(face, behind)| match behind {

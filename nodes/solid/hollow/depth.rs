@@ -19,7 +19,7 @@ const NODES: Limit = Limit {
 /// nodes.
 const BLOCK: usize = 8;
 
-/// Number of points that are measured between two checks for cancellation; measuring them takes some milliseconds.
+/// Number of points whose distances are measured between two checks for cancellation. Measuring this many points takes some milliseconds.
 const CHUNK: usize = 4096;
 
 /// A grid around a solid, with the depth of each node below the solid's surface.

@@ -17,7 +17,7 @@ const CLOSE: f64 = 1e-3;
 /// limit below 1 the vertices never coincide, so their faces keep an area.
 const FARTHEST: f64 = 0.9;
 
-/// Number of points that are measured between two checks for cancellation; measuring them takes some milliseconds.
+/// Number of points whose distances are measured between two checks for cancellation. Measuring this many points takes some milliseconds.
 const CHUNK: usize = 4096;
 
 /// Moves vertices of a cavity deeper into the solid where the wall between the cavity's faces and the outer surface is thinner than
@@ -32,7 +32,7 @@ pub(super) fn keep_walls(
     // The faces at which the thickness of the wall must be measured. A measurement stays valid until a corner of the face moves.
     let mut open = Vec::from_iter(0..contour.triangles.len());
     let starts = contour.points.clone();
-    // For each vertex, the distance that it has moved along its grid edge, as a fraction of the edge.
+    // For each vertex, the distance by which the vertex has moved along its grid edge, as a fraction of the edge.
     let mut gone = vec![0.0; starts.len()];
     for _ in 0..ROUNDS {
         let mut lacks = vec![0.0; contour.points.len()];
