@@ -333,7 +333,7 @@ fn concatenate<'a>(parts: &[(&'a Attributes, usize)]) -> Vec<(&'a str, Attribute
         .collect()
 }
 
-/// Concatenates columns of one type. Returns `None` if the types differ, or if a mesh lacks the column and it does not contain flags.
+/// Concatenates columns of one type. Returns `None` if the types differ, or if a mesh lacks a column that does not contain flags.
 fn join(columns: &[(Option<&Attribute>, usize)]) -> Option<Attribute> {
     macro_rules! join {
         ($kind:ident, $absent:expr) => {{

@@ -77,7 +77,7 @@ impl Node for Orient {
 
 /// An oriented mesh, and the numbers of parts and edges that could not be handled.
 pub struct OrientedMesh {
-    /// The mesh with its faces oriented.
+    /// The mesh after the rule `outside` was applied to its faces.
     pub mesh: Mesh,
     /// The number of parts for which no outside could be determined.
     pub undecided: usize,

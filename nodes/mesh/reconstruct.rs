@@ -416,7 +416,7 @@ fn distance(positions: &[Point3<f64>], count: usize, low: Point3<f64>, size: f64
         let occupied = keys.chunk_by(|a, b| a.0 == b.0).count() as f64;
         let each = count as f64 / occupied;
         if each < POINTS_PER_CELL {
-            // The cell size is interpolated between this depth and the previous one, on a logarithmic scale.
+            // Interpolate the cell size, on a logarithmic scale, between those of this depth and of the previous depth.
             let share = libm::log(POINTS_PER_CELL / each) / libm::log(last.1 / each).max(1e-9);
             let edge = cube.edge * libm::exp2(share.clamp(0.0, 1.0));
             return edge / (POINTS_PER_CELL * CROSSED).sqrt();

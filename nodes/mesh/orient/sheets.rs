@@ -6,7 +6,7 @@ use maquette_value::Mesh;
 
 /// The connected parts of a mesh. Two faces are connected if they share an edge that no third face uses.
 pub(super) struct Sheets {
-    /// The number of the part that contains each face.
+    /// For each face, the number of the connected part that contains it.
     pub(super) of_face: Vec<u32>,
     /// Marks the faces that are flipped to make each part consistent: fewer than half of the faces of a part.
     pub(super) is_turned: Vec<bool>,

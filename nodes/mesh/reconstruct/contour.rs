@@ -233,7 +233,7 @@ fn middle(place: CellIndex, values: &[f64; 8]) -> [f64; 3] {
     [0, 1, 2].map(|axis| f64::from(place[axis]) + sum[axis] / count)
 }
 
-/// Returns the quads that cross those three edges of a cell that begin at its lowest node.
+/// Returns one quad for each edge that the surface crosses, of the three edges of a cell that begin at its lowest node.
 fn quads(cells: &Places, place: CellIndex, values: &[f64; 8]) -> Vec<[u32; 4]> {
     let mut quads = Vec::new();
     for axis in 0..3 {
@@ -247,7 +247,7 @@ fn quads(cells: &Places, place: CellIndex, values: &[f64; 8]) -> Vec<[u32; 4]> {
             cells.find(place).map(|cell| cell as u32)
         }
         let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
-        // The four cells around the edge, counter-clockwise seen from its end.
+        // The four cells around the edge, counter-clockwise seen from the end of the edge.
         let around = [
             step(&[], &place, cells),
             step(&[u], &place, cells),

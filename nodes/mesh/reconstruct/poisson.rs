@@ -145,7 +145,7 @@ impl Field {
         (0.0, Vector3::zeros())
     }
 
-    /// Returns the function at a point and its gradient, in 1/mm.
+    /// Returns the value of the function at a point, and its gradient there in 1/mm.
     pub(super) fn at_point(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
         let depth = self.cube.depth;
         let (value, gradient) =

@@ -107,7 +107,7 @@ pub(super) fn find_supported(
                 let layer = &pyramid.layers[depth as usize];
                 let edge = pyramid.cube.edge_at(depth);
                 let near = layer.cells.neighbors(place(&pyramid.cube, at, depth));
-                // For each surfel, the amount by which its distance exceeds the allowed distance.
+                // For each surfel nearby, the amount by which its distance from the vertex exceeds the allowed distance.
                 let excess = near.map(|cell| {
                     let surfel = &surfels[layer.finest[cell] as usize];
                     if surfel.normal == Vector3::zeros() {

@@ -50,7 +50,8 @@ impl Moments {
 pub(super) struct Layer {
     pub(super) cells: Places,
     pub(super) moments: Vec<Moments>,
-    /// For each cell, the index of the finest cell that represents it: of those inside of it, the one with the most points.
+    /// For each cell, the index of the finest cell that represents it: among the finest cells inside of the cell, the one with the most
+    /// points.
     pub(super) finest: Vec<u32>,
 }
 
@@ -243,7 +244,7 @@ impl Pyramid {
     }
 }
 
-/// Minimum number of points from which a plane is computed: with fewer, its direction is random.
+/// Minimum number of points from which a plane is computed: with fewer points, the direction of the plane is random.
 const MIN_PLANE_POINTS: f64 = 9.0;
 
 /// Points count as collinear if the second largest of their principal variances is less than this fraction of the largest.
@@ -372,7 +373,7 @@ fn surfel(pyramid: &Pyramid, cloud: &Cloud, flat: u32, cell: usize) -> Surfel {
     }
     let mut spacing = area.sqrt();
     if depth < flat {
-        // The neighborhood was enlarged because no points are nearby: the points in it are far away.
+        // The neighborhood was enlarged because there are too few points nearby, so the spacing of points is large.
         spacing = spacing.max(SPARSE * cube.edge_at(depth));
     }
     let mut is_sided = false;

@@ -257,7 +257,7 @@ fn a_large_spacing_makes_a_control_mesh_of_quads() {
 
 #[test]
 fn a_range_image_shows_its_outside_to_the_sensor() {
-    // The surface is a bowl that opens towards the sensor: its outermost parts face inward.
+    // The surface is a bowl that opens towards the sensor, so the fronts of its outermost parts face inward.
     let range = RangeImage::new(
         60,
         60,
