@@ -54,7 +54,7 @@ pub(super) fn move_scan(
     })
 }
 
-/// The capture frame of a scan, if there is one.
+/// Returns the capture frame of a scan; `None` if the scan has none.
 pub(super) fn frame_of(scan: &Scan) -> Option<CaptureFrame> {
     match scan {
         Scan::RangeImage(range) => range.capture_frame().ok(),

@@ -12,7 +12,7 @@ use nalgebra::{
 
 use super::cloud::Cloud;
 
-/// All scans, each sampled by a grid.
+/// All scans, each sampled by a grid, and their common length scale.
 pub(super) struct Level {
     pub(super) clouds: Vec<Cloud>,
     /// Half of the diagonal of the largest scan's bounding box, in mm. Multiplied by this length, rotations are comparable to translations.

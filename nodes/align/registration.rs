@@ -22,7 +22,7 @@ const MAX_SAMPLES: f64 = 5000.0;
 const MAX_STEPS: usize = 40;
 /// The maximum number of sampling grids.
 const MAX_GRIDS: u32 = 12;
-/// The minimum percentage of one of two scans that must lie on the other one; scans with less overlap do not fit.
+/// Minimum overlap in percent: at least this fraction of one of two scans must lie on the other scan.
 const MIN_OVERLAP: f64 = 5.0;
 /// The minimum fraction of the common surface on which the scans must agree, in percent.
 const MIN_AGREEMENT: f64 = 60.0;

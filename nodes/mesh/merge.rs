@@ -246,7 +246,7 @@ fn with_vertex_colors(mesh: &Mesh) -> Result<Mesh, MeshError> {
 
 fn positions(parts: &[Mesh]) -> Result<Vec<nalgebra::Point3<f64>>, MeshError> {
     let count = parts.iter().map(|part| part.positions().len()).sum();
-    // The functions below index vertices with 32 bits.
+    // Refuse too many vertices here, because the functions below index vertices with 32 bits.
     if u32::try_from(count).is_err() {
         return Err(MeshError::TooLarge { what: "vertices", count });
     }

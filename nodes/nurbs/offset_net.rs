@@ -158,7 +158,7 @@ fn leaning_axis(net: &value::ControlNet, normal: Unit<Vector3<f64>>) -> Option<U
         return None;
     }
     let eigen = covariance.try_symmetric_eigen(f64::EPSILON, 1000)?;
-    // If several eigenvalues are equal, the first is used.
+    // If several eigenvalues are equally large, the first of them counts as the largest.
     fn larger(a: usize, b: usize, values: &Vector3<f64>) -> usize {
         if values[a] < values[b] { b } else { a }
     }

@@ -244,8 +244,8 @@ mod tests {
             foreground(Some(&range), None, &ForegroundBy::Valid, false, 0).unwrap().draw()
         }
         assert_eq!(lift_example(2.0, 0.5, [4, 4]), "##..\n##..\n..##\n..##\n");
-        // The last pixel is on the edge of the last cell. The pixel at the center is equally close to both cells and takes the value of the
-        // second.
+        // The last pixel is on the edge of the last cell. The pixel at the center is equally close to two cells and takes the value of the
+        // second cell.
         assert_eq!(lift_example(2.0, 0.0, [4, 4]), "#...\n.###\n.###\n.###\n");
         // No cell covers the pixels at the border of the picture.
         assert_eq!(lift_example(2.0, 1.5, [6, 4]), "......\n.##...\n.##...\n...##.\n");

@@ -244,8 +244,8 @@ fn interpolate_with(
     Ok(InterpolationResult { shape: found.shape.without_attribute("normal"), ..found })
 }
 
-/// Returns points of the limit surface of `mesh` with its vertices moved to `control`: the limit points of the vertices and of the middles
-/// of edges and faces. Returns `None` if a coordinate overflows.
+/// Returns points of the limit surface of `mesh` with its vertices moved to `control`: the limit points of the vertices and the surface
+/// points in the middle of edges and faces. Returns `None` if a coordinate overflows.
 fn sample(
     mesh: &Mesh,
     subdivision: Subdivision,

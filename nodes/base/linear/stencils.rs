@@ -160,7 +160,7 @@ impl Stencils {
         rows.map(|row| self.apply_row(row, column)).collect()
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub fn size(&self) -> usize {
         self.starts.size() + self.indices.size() + self.weights.size()
     }

@@ -110,7 +110,7 @@ impl Field {
         nodes.flat_map_iter(|node| halves(node).into_iter().flatten()).collect()
     }
 
-    /// Returns the function at the nodes of a depth, interpolated from the coarser grids.
+    /// Returns the values of the function at the nodes of a depth, interpolated from the coarser grids.
     fn values_at(&self, nodes: &Places, depth: u32) -> Vec<f64> {
         (0..nodes.len())
             .into_par_iter()

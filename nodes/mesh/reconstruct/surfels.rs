@@ -55,7 +55,7 @@ pub(super) struct Layer {
     pub(super) finest: Vec<u32>,
 }
 
-/// The points in cells of all depths.
+/// All points, sorted into the cells of the cube at every depth (cell size).
 pub(super) struct Pyramid {
     pub(super) cube: Cube,
     /// The occupied cells of each depth.

@@ -90,7 +90,7 @@ impl LineFit {
     }
 
     /// Prepares the curves of [`least_squares`](Self::least_squares) or [`interpolate`](Self::interpolate), but computed by progressive
-    /// iteration. It runs until no control point moves farther than `tolerance`, at most for the given number of rounds.
+    /// iteration. The iteration runs until no control point moves farther than `tolerance`, at most for the given number of rounds.
     pub(crate) fn progressive(
         knots: KnotVector,
         parameters: &[f64],

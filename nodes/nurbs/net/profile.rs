@@ -151,7 +151,7 @@ fn gray(field: &Field, rows: usize, columns: usize) -> Option<Vec<f64>> {
             (true, true) => (number - least) / span,
         }
     }
-    // Returns the pixels before and after a line of the net, and the weight of the second pixel.
+    // Returns the indices of the two pixels between which line `k` of the net is, and the interpolation weight of the second pixel.
     fn place(k: usize, count: usize, size: usize) -> (usize, usize, f64) {
         let at = (size - 1) as f64 * (k as f64 / (count - 1).max(1) as f64);
         let before = (at as usize).min(size - 1);

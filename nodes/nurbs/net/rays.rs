@@ -30,7 +30,7 @@ pub(crate) struct Rays {
     start: f64,
     /// The smoothed length of each ray, at uniform angles from `start`. No part of the line is beyond the end of a ray.
     lengths: Vec<f64>,
-    /// The arc length at each ray of the line through the ends of all rays, and the total length.
+    /// For the closed line through the ends of all rays: the arc length from its start to the end of each ray, and its total length.
     along: Vec<f64>,
 }
 

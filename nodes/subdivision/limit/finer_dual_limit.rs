@@ -90,7 +90,7 @@ impl FinerDualLimit {
         limit.without_attribute("normal").with_vertex("normal", Attribute::Vector(normals.into()))
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         let rows = self.positions.size() + self.tangents.size() + self.sides.size();
         let lists = self.limit.starts.len() + self.border.len();

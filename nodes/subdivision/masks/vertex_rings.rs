@@ -16,7 +16,7 @@ use crate::Creases;
 use crate::refine::half_edges::{HalfEdges, Ring};
 use crate::rules::Rules;
 
-/// The masks of a scheme.
+/// The masks of a primal subdivision scheme: the weights of old vertices in new vertices, limit points and tangents.
 pub(crate) trait Masks: Sync {
     /// Returns three weights in the new vertex that replaces a smooth vertex with `n` neighbors: of the old vertex `v`, of each neighbor
     /// `e_j` and of each face centroid `F_j`.

@@ -12,7 +12,7 @@ use super::half_edges::{HalfEdges, NONE};
 #[derive(Debug)]
 pub(crate) struct Connectivity {
     pub(crate) faces: Faces,
-    /// The number of vertices.
+    /// The number of vertices of the mesh, including those without faces.
     pub(crate) vertices: usize,
     /// The index of the edge to which each half-edge belongs.
     pub(crate) edge_of: Vec<u32>,
@@ -99,7 +99,7 @@ impl Connectivity {
         }
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         let lists = self.edge_of.len() * 4 + self.halves.len() * 8;
         self.faces.corners().size() + lists + self.turns.size()

@@ -253,8 +253,8 @@ impl Dual {
         mean(old[half as usize], old[self.mesh.next(half) as usize], fraction)
     }
 
-    /// Refines corner data. Within an old face it is interpolated like vertex data. A new face across a seam, or around an end of a seam,
-    /// gets the data of only one side of the seam, the side of its first half-edge.
+    /// Refines corner data. Within an old face, corner data are interpolated like vertex data. A new face across a seam, or around an end
+    /// of a seam, gets the data of only one side of the seam, the side of its first half-edge.
     pub(crate) fn carry_corners<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         let mesh = &*self.mesh;
         let mut new = self.within_faces(old);
@@ -308,7 +308,7 @@ impl Dual {
         (0..mesh.faces.len() as u32).chain(edges).chain(vertices).collect()
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         let lists = self.starts.len() + self.border.len() + self.edges.len() + self.vertices.len();
         self.mesh.size() + self.finer.corners().size() + 4 * lists

@@ -46,7 +46,7 @@ impl Rings {
         }
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         size_of_val(&self.0[..])
     }

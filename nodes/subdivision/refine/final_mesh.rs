@@ -68,7 +68,7 @@ impl FinalMesh {
         self.coarser.ring_of_child(vertex, 0, split)
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         self.coarser.size() + self.faces.corners().size() + self.odd.len() * 8
     }

@@ -263,7 +263,7 @@ impl Level {
         halves
     }
 
-    /// The memory use in bytes, including coarser meshes.
+    /// Returns the memory that this mesh and all coarser meshes use, in bytes.
     pub(crate) fn size(&self) -> usize {
         let coarser = self.coarser.as_ref().map_or(0, |coarser| coarser.size());
         coarser

@@ -30,7 +30,7 @@ pub(crate) struct Primal {
     stencils: Stencils,
     /// The faces of the mesh after this refinement step.
     pub(crate) finer: Faces,
-    /// A list of points to reuse for the new vertices, left from an earlier call; `None` if there is none.
+    /// A buffer for the positions of new vertices, kept from an earlier call for reuse; `None` if no call has left one.
     left: Mutex<Option<Vec<Point3<f64>>>>,
 }
 
@@ -72,7 +72,7 @@ impl Primal {
         Level::from_coarser(&self.level, &self.finer)
     }
 
-    /// Returns the refined mesh of the last step.
+    /// Returns the mesh after this step, for use if this is the last step: its half-edges are not stored.
     pub(crate) fn final_mesh(&self) -> FinalMesh {
         FinalMesh::from_coarser(self.level.clone(), self.finer.clone())
     }
@@ -385,7 +385,7 @@ impl Primal {
         }
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         self.level.size() + self.finer.corners().size() + self.stencils.size()
     }

@@ -444,7 +444,7 @@ impl AttributeTransfer for MergedAttributes<'_> {
         let mut mixed = old.to_vec();
         for &([a, b], share) in self.merges {
             let [stays, goes] = [a, b].map(|end| mixed[end as usize]);
-            // Integer indices have no mean: the index of the first part is taken. Therefore the nearer vertex comes first.
+            // Integer indices have no mean; the mean takes the index of the first part. Therefore put the nearer vertex first.
             let mut parts = [(1.0 - share, stays), (share, goes)];
             if share > 0.5 {
                 parts.reverse();

@@ -170,8 +170,8 @@ impl AttributeTransfer for Wedges {
         let mut mixed = old.to_vec();
         for together in self.mixes.chunk_by(|a, b| a.time == b.time) {
             let new = together.iter().map(|MixedWedge { wedge, parts, .. }| {
-                // Integer indices have no mean: the index of the first part is taken. Therefore the nearest corner comes first. Corners of
-                // weight 0 are removed, because they must not set a flag.
+                // Integer indices have no mean; the mean takes the index of the first part. Therefore put the nearest corner first. Corners
+                // of weight 0 are removed, because they must not set a flag.
                 let mut parts: Vec<_> = parts.iter().filter(|(share, _)| *share > 0.0).collect();
                 parts.sort_by(|a, b| b.0.total_cmp(&a.0));
                 let parts = parts.into_iter().map(|&(share, part)| (share, mixed[part as usize]));

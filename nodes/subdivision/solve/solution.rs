@@ -51,7 +51,7 @@ impl End {
     }
 }
 
-/// The result of a solver.
+/// The result of a solver for control points.
 pub(crate) struct Solution {
     pub(crate) outcome: Outcome,
     /// True if no control points can reduce the remaining distances.

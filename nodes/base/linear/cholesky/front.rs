@@ -33,8 +33,8 @@ impl Front {
         }
     }
 
-    /// Eliminates the first columns, one for each entry of `min_pivots`. They become columns of the factor; the other columns become the
-    /// update for later fronts. Returns false if a pivot is not greater than its minimum.
+    /// Eliminates the first columns, one for each entry of `min_pivots`. The eliminated columns become columns of the factor; the other
+    /// columns become the update for later fronts. Returns false if a pivot is not greater than the minimum for its column.
     ///
     /// # Errors
     /// If the evaluation is cancelled.
