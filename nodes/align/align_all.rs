@@ -138,7 +138,7 @@ pub fn align_all(
 }
 
 impl Turntable {
-    /// Returns the pose of each scan, computed from the turntable's axis and angle; `None` if no axis is given.
+    /// Returns the start pose of each of `count` scans, computed from the turntable's axis and angle; `None` if no axis is given.
     fn poses(&self, count: usize) -> Result<Option<Vec<Isometry3<f64>>>, Error> {
         if !(-180.0..=180.0).contains(&self.angle) {
             bail!("`angle` is {}, expected from -180 to 180 degrees", self.angle);
@@ -165,10 +165,10 @@ impl Turntable {
         ))
     }
 
-    /// Returns true if the rotation between two scans has the expected angle.
+    /// Returns true if the angle of a motion between two scans is the turntable's rotation between them, within `ANGLE_TOLERANCE` degrees.
     fn allows(&self, [from, to]: [usize; 2], motion: &Isometry3<f64>) -> bool {
         let angle = self.angle * (from as f64 - to as f64);
-        // Reduce the angle to the range from -180 to 180 degrees; its sign is then ignored.
+        // Reduce the expected angle to the range from -180 to 180 degrees; only its absolute value is compared.
         let angle = (angle + 180.0).rem_euclid(360.0) - 180.0;
         (motion.rotation.angle().to_degrees() - angle.abs()).abs() <= ANGLE_TOLERANCE
     }

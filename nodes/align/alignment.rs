@@ -10,9 +10,9 @@ use nalgebra::{Isometry3, Matrix3, Matrix4};
 /// The quality of the fit of two aligned scans.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PairFit {
-    /// The numbers of the scans, from 1.
+    /// The numbers of the two scans, counted from 1.
     pub scans: [u32; 2],
-    /// The fraction of each scan that lies on the other one, in percent.
+    /// The fraction of each of the two scans that lies on the other scan, in percent.
     pub overlap: [f64; 2],
     /// The number of points of either scan that have a corresponding point on the other scan.
     pub matches: u32,
@@ -29,7 +29,7 @@ pub struct PairFit {
 pub struct Alignment {
     motions: Column<[f64; 16]>,
     pairs: Vec<PairFit>,
-    /// The capture whose axes the aligned scans use.
+    /// The frame of the capture whose axes the aligned scans use; `None` if they belong to no capture.
     frame: Option<Frame>,
 }
 
@@ -84,7 +84,7 @@ impl Alignment {
         &self.pairs
     }
 
-    /// Returns the frame of the capture whose axes the aligned scans use, without its camera.
+    /// Returns the frame of the capture whose axes the aligned scans use, without its camera; `None` if the scans belong to no capture.
     pub fn frame(&self) -> Option<CaptureFrame> {
         self.frame.map(|Frame { picture, depth, pose }| CaptureFrame {
             camera: None,

@@ -16,9 +16,9 @@ pub(super) struct Cloud {
     pub(super) positions: Vec<Point3<f64>>,
     /// Unit normals of the points.
     pub(super) normals: Vec<Vector3<f64>>,
-    /// For each point, true if it is at the border of the surface.
+    /// For each point, true if the point is at the border of the surface.
     pub(super) rim: Vec<bool>,
-    /// The distance between neighboring points, in mm. After sampling this is the edge of the sampling grid.
+    /// The distance between neighboring points, in mm. After sampling this is the edge length of the sampling grid's cells.
     pub(super) spacing: f64,
     pub(super) tree: Tree,
 }
@@ -27,7 +27,7 @@ pub(super) struct Cloud {
 pub(super) const MIN_POINTS: usize = 6;
 
 impl Cloud {
-    /// Converts scans to clouds.
+    /// Converts scans to point clouds with normals, in the order of the scans.
     ///
     /// # Errors
     /// If a scan has too few points, or its size or position is extreme.
@@ -75,7 +75,7 @@ impl Cloud {
         Ok(cloud)
     }
 
-    /// Converts points to a cloud. The normals are `given`, or else the normals of planes fitted to neighboring points.
+    /// Converts points to a cloud. The normals are `given`; if that is `None`, they are the normals of planes fitted to neighboring points.
     fn from_points(positions: Vec<Point3<f64>>, given: Option<&[[f64; 3]]>) -> Self {
         let tree = Tree::new(&positions);
         let spacing = spacing(&positions, &tree);
@@ -141,12 +141,12 @@ impl Cloud {
         (squares / heights.len().max(1) as f64).sqrt()
     }
 
-    /// The lowest and the highest corner of the bounding box.
+    /// The lowest and the highest corner of the bounding box of the points, in mm.
     pub(super) fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
         bounds(self.positions.iter())
     }
 
-    /// Downsamples the cloud: averages the points and the normals in each cell of a grid with the edge `edge`, in mm.
+    /// Downsamples the cloud: averages the points and the normals in each cell of a grid whose cells have the edge length `edge`, in mm.
     pub(super) fn sample(&self, edge: f64) -> Self {
         let (low, _) = self.bounds();
         let mut cells: Vec<([u64; 3], usize)> = (0..self.positions.len())
@@ -174,7 +174,7 @@ impl Cloud {
     }
 }
 
-/// The error of a scan with `points` different points. `number` is the number of the scan, from 1.
+/// The error message for a scan that has only `points` different points. `number` is the number of the scan, from 1.
 fn too_few_points(number: usize, points: usize) -> Error {
     Error::new(format!(
         "scan {number} has {points} different points, expected at least {MIN_POINTS}"
@@ -290,7 +290,7 @@ fn orient_normals(
     normals
 }
 
-/// Flips the normals of the points in `part` if most of them point towards the centroid of these points.
+/// Flips the normals of the points in `part` if most of these normals point towards the centroid of the points.
 fn flip_outwards(points: &[Point3<f64>], normals: &mut [Vector3<f64>], part: &[usize]) {
     let middle = part.iter().map(|&k| points[k].coords).sum::<Vector3<f64>>() / part.len() as f64;
     let outwards = part.iter().map(|&k| normals[k].dot(&(points[k].coords - middle)));

@@ -15,11 +15,11 @@ use super::refine::{Level, refine};
 
 mod histograms;
 
-/// The number of sample points for the larger scan during matching.
+/// The number of points to which the larger scan is sampled for matching.
 const SAMPLES: f64 = 1200.0;
 /// The radii of the neighborhoods that histograms describe, in multiples of the sampling grid's edge.
 const RADII: [f64; 2] = [4.0, 7.0];
-/// For each point, the number of points of the other scan that are candidates for a match: the most similar ones.
+/// For each point, the number of the most similar points of the other scan that are candidates for a match.
 const SIMILAR: usize = 3;
 /// The maximum number of matches that are compared with each other.
 const MAX_MATCHES: usize = 1200;
@@ -37,7 +37,7 @@ pub(super) struct Candidate {
     pub(super) fit: Fit,
 }
 
-/// Returns the edge of the sampling grid for matching, in mm.
+/// Returns the edge length of the sampling grid's cells for matching, in mm.
 pub(super) fn sampling_edge(clouds: &[Cloud]) -> f64 {
     clouds
         .iter()
@@ -70,8 +70,8 @@ impl DescribedCloud {
     }
 }
 
-/// Finds the best motion of the first scan onto the second among the motions that `allowed` accepts. Returns `None` if there is none.
-/// `edge` is the edge of the sampling grid, in mm.
+/// Finds the best motion of the first scan onto the second among the motions that `allowed` accepts. Returns `None` if no motion is found
+/// or accepted. `edge` is the edge length of the sampling grid's cells, in mm.
 ///
 /// Points are matched by the similarity of their neighborhoods at two radii. Two matches are compatible if they preserve the distance
 /// between their points. Each motion is computed from matches that share many compatible matches: Chen, Sun, Yang and Tao, "SC2-PCR: a
@@ -165,9 +165,9 @@ fn most_similar(one: &Histogram, others: &[Option<Histogram>]) -> Vec<(f32, u32)
 struct Correspondences {
     /// For each match the point of the first scan and the point of the second scan.
     ends: Vec<[Point3<f64>; 2]>,
-    /// For each match the normals at its two points.
+    /// For each match the normals at the matched points of the first and the second scan.
     normals: Vec<[Vector3<f64>; 2]>,
-    /// The edge of the sampling grid, in mm.
+    /// The edge length of the sampling grid's cells, in mm.
     edge: f64,
 }
 
@@ -181,14 +181,15 @@ impl Correspondences {
         }
     }
 
-    /// Returns true if two matches preserve the distance between their points and the angle between the normals.
+    /// Returns true if the two matches are compatible: the distance between their points, and the angle between their normals, are equal in
+    /// both scans within a tolerance.
     fn is_compatible(&self, i: usize, j: usize) -> bool {
         let [a, b] = [0, 1].map(|side| (self.ends[i][side] - self.ends[j][side]).norm());
         let [u, v] = [0, 1].map(|side| self.normals[i][side].dot(&self.normals[j][side]));
         a.min(b) > 2.0 * self.edge && (a - b).abs() < 1.5 * self.edge && (u - v).abs() < 0.35
     }
 
-    /// Returns for each match the set of matches compatible with it, as a list of bits.
+    /// Returns for each match the set of the matches that are compatible with this match, as a list of bits.
     fn compatible_sets(&self) -> Vec<Vec<u64>> {
         let count = self.ends.len();
         (0..count)
@@ -204,8 +205,8 @@ impl Correspondences {
             .collect()
     }
 
-    /// Computes a motion from match `i` and some of its compatible matches: those that have the most compatible matches in common with it.
-    /// Also returns the number of matches that agree with the motion. Returns `None` if fewer than three matches are compatible.
+    /// Computes a motion from match `i` and some of its compatible matches: those that have the most compatible matches in common with
+    /// match `i`. Also returns the number of matches that agree with the motion. Returns `None` if fewer than three matches are compatible.
     fn motion(&self, i: usize, sets: &[Vec<u64>]) -> Option<(usize, Isometry3<f64>)> {
         let mut compatible: Vec<_> = (0..self.ends.len())
             .filter(|j| sets[i][j / 64] >> (j % 64) & 1 == 1)
@@ -231,8 +232,8 @@ fn count_common(a: &[u64], b: &[u64]) -> u32 {
     a.iter().zip(b).map(|(a, b)| (a & b).count_ones()).sum()
 }
 
-/// Computes a motion for each match, from the matches that are most compatible with it. Each motion is returned with the number of matches
-/// that agree with it.
+/// Computes a motion for each match, from the matches that are most compatible with this match. Returns each motion with the number of
+/// matches that agree with the motion.
 fn motions(
     pairs: &[[u32; 2]],
     from: &Cloud,

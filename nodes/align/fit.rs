@@ -8,9 +8,9 @@ use super::cloud::Cloud;
 /// The quality of the fit of two scans, expressed by numbers of points.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Fit {
-    /// The number of points of each scan.
+    /// The number of sample points of each scan.
     pub(super) points: [usize; 2],
-    /// For each scan, the number of its points that lie on the other scan.
+    /// For each of the two scans, the number of its sample points that lie on the other scan.
     pub(super) on: [usize; 2],
     /// The number of points of both scans that do not lie on the other scan, although the surface of that scan continues there.
     pub(super) off: usize,
@@ -36,7 +36,7 @@ impl Fit {
 }
 
 /// Computes the fit of two sampled scans if the first one is moved by `motion`. A point lies on the other scan if its distance is at most
-/// the roughness of the scans, which measures noise and curvature, plus a fraction of the sampling grid's edge.
+/// the roughness of the scans, which measures noise and curvature, plus a fraction of the edge length of the sampling grid's cells.
 pub(super) fn fit(clouds: [&Cloud; 2], motion: &Isometry3<f64>) -> Fit {
     let edge = clouds[0].spacing.max(clouds[1].spacing);
     let rough = clouds.map(|cloud| cloud.roughness()).into_iter().fold(0.0, f64::max);
@@ -61,9 +61,9 @@ struct Comparison<'a> {
     from: &'a Cloud,
     to: &'a Cloud,
     motion: Isometry3<f64>,
-    /// The edge of the coarser of the two sampling grids, in mm.
+    /// The edge length of the cells of the coarser of the two sampling grids, in mm.
     edge: f64,
-    /// The maximum distance at which a point still lies on the other scan, in mm.
+    /// The maximum distance, in mm, from the other scan at which a point counts as lying on it.
     tolerance: f64,
 }
 
@@ -79,7 +79,7 @@ impl Comparison<'_> {
         }
         let (offset, other) = (at - to.positions[near], to.normals[near]);
         let height = offset.dot(&other).abs();
-        // Beyond the border of the other scan there is no surface for a comparison.
+        // Beyond the border of the other scan, there is no surface with which the point could be compared.
         if (offset.norm_squared() - height * height).sqrt() > 1.2 * edge {
             return None;
         }

@@ -6,8 +6,8 @@ use maquette_scan::Scan;
 use maquette_value::{CaptureFrame, Mesh};
 use nalgebra::Matrix4;
 
-/// Moves a value by a rigid motion. The result is in the axes of the capture with the frame `frame`; without a frame it belongs to no
-/// capture.
+/// Moves a value by a rigid motion. The result is in the axes of the capture with the frame `frame`; if that is `None`, the result belongs
+/// to no capture.
 pub(super) fn move_item(
     what: &Movable,
     motion: &Matrix4<f64>,
@@ -23,7 +23,8 @@ pub(super) fn move_item(
     })
 }
 
-/// Sets the frame of a mesh. The mesh keeps its own picture and camera.
+/// Sets the frame of a mesh. The mesh keeps its own picture and camera, if it has any; the rest is that of `frame`. Without `frame`, the
+/// mesh gets no frame.
 fn with_frame(mesh: Mesh, frame: Option<&CaptureFrame>) -> Mesh {
     let own = mesh.frame().copied();
     let frame = frame.map(|frame| CaptureFrame {
@@ -34,7 +35,7 @@ fn with_frame(mesh: Mesh, frame: Option<&CaptureFrame>) -> Mesh {
     mesh.with_frame(frame)
 }
 
-/// Moves a scan like [`move_item`].
+/// Moves a scan by a rigid motion; see [`move_item`] for `frame`.
 pub(super) fn move_scan(
     scan: &Scan,
     motion: &Matrix4<f64>,
@@ -53,7 +54,7 @@ pub(super) fn move_scan(
     })
 }
 
-/// The capture frame of a scan, if there is one.
+/// Returns the capture frame of a scan; `None` if the scan has none.
 pub(super) fn frame_of(scan: &Scan) -> Option<CaptureFrame> {
     match scan {
         Scan::RangeImage(range) => range.capture_frame().ok(),

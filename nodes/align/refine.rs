@@ -12,7 +12,7 @@ use nalgebra::{
 
 use super::cloud::Cloud;
 
-/// All scans, each sampled by a grid.
+/// All scans, each sampled by a grid, and their common length scale.
 pub(super) struct Level {
     pub(super) clouds: Vec<Cloud>,
     /// Half of the diagonal of the largest scan's bounding box, in mm. Multiplied by this length, rotations are comparable to translations.
@@ -31,7 +31,7 @@ impl Level {
         Self { clouds: clouds.iter().map(|&cloud| cloud.clone()).collect(), radius }
     }
 
-    /// Returns the edge of the coarser of two scans' sampling grids, in mm.
+    /// Returns the edge length of the cells of the coarser of two scans' sampling grids, in mm.
     fn edge(&self, [a, b]: [usize; 2]) -> f64 {
         self.clouds[a].spacing.max(self.clouds[b].spacing)
     }
@@ -61,7 +61,7 @@ pub(super) struct Contact {
 const REACH: f64 = 3.0;
 /// The minimum cosine of the angle between the normals of corresponding points.
 const MIN_NORMAL_COSINE: f64 = 0.6;
-/// A match is an outlier if its distance is more than this many standard deviations.
+/// A match is an outlier if the distance between its points is more than this many standard deviations.
 const OUTLIER_DEVIATIONS: f64 = 3.0;
 /// A degree of freedom is undetermined if its eigenvalue per match is at most this. The eigenvalue per match is the mean squared change of
 /// the distances relative to the squared motion.
@@ -121,11 +121,11 @@ pub(super) fn refine(
 /// A point of one scan and the corresponding point of another scan.
 #[derive(Clone, Copy)]
 struct Match {
-    /// The midpoint between the two points.
+    /// The midpoint between the two matched points.
     middle: Point3<f64>,
-    /// The mean of the two normals.
+    /// The mean of the normals at the two matched points.
     normal: Vector3<f64>,
-    /// The vector from the point of the second scan to the point of the first scan.
+    /// The vector from the matched point of the second scan to the matched point of the first scan.
     off: Vector3<f64>,
 }
 
@@ -189,7 +189,7 @@ impl System {
         Self { matrix: determined, right: right_side, center, radius, contact }
     }
 
-    /// Converts the matrix and the right side to rotations about another center, in units of another radius.
+    /// Converts the matrix and the right side of the system to unknown rotations about another center, in units of another radius.
     fn change_center(&self, center: Point3<f64>, radius: f64) -> (Matrix6<f64>, Vector6<f64>) {
         let mut map = Matrix6::identity();
         map.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(self.radius / radius);
@@ -200,7 +200,7 @@ impl System {
 }
 
 impl Level {
-    /// The mean of the centers of all scans, after they are moved by `poses`.
+    /// The mean of the centers of all scans after the scans are moved by `poses`.
     fn center(&self, poses: &[Isometry3<f64>]) -> Point3<f64> {
         self.clouds
             .iter()
@@ -213,7 +213,8 @@ impl Level {
             .into()
     }
 
-    /// Finds for each point of the first scan the nearest point of the second scan. Returns the pairs that count as corresponding points.
+    /// Finds for each point of the first scan the nearest point of the second scan. Returns those pairs of points that count as
+    /// corresponding.
     fn matches(&self, poses: &[Isometry3<f64>], [a, b]: [usize; 2], reach: f64) -> Vec<Match> {
         let (from, to) = (&self.clouds[a], &self.clouds[b]);
         let motion = poses[b].inv_mul(&poses[a]);
@@ -234,8 +235,8 @@ impl Level {
     }
 }
 
-/// Solves for the motion of each scan; rotations are about `center`, in units of `radius`. Also returns the number of degrees of freedom
-/// that the matches do not determine.
+/// Solves for the motion of each scan: a rotation about `center`, in units of `radius`, and a translation. Also returns the number of
+/// degrees of freedom that the matches do not determine.
 fn solve(
     systems: &[System],
     pairs: &[[usize; 2]],
@@ -243,7 +244,7 @@ fn solve(
     center: Point3<f64>,
     radius: f64,
 ) -> (Vec<Vector6<f64>>, usize) {
-    // The first scan does not move, so the system has no unknowns for it.
+    // The system has no unknowns for the first scan, because it does not move.
     fn offset(scan: usize) -> Option<usize> {
         Some(6 * scan.checked_sub(1)?)
     }

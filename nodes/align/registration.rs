@@ -14,15 +14,15 @@ use super::fit::{Fit, fit};
 use super::motion::frame_of;
 use super::refine::{Level, refine};
 
-/// The edge of the finest sampling grid as a multiple of the distance between neighboring points.
+/// The edge length of the finest sampling grid's cells, as a multiple of the distance between neighboring points.
 const MIN_EDGE_RATIO: f64 = 2.0;
-/// The maximum number of sample points for a scan; more would not change the result.
+/// The maximum number of sample points for a scan; more points would not improve the result.
 const MAX_SAMPLES: f64 = 5000.0;
 /// The maximum number of refinement steps on each sampling grid.
 const MAX_STEPS: usize = 40;
 /// The maximum number of sampling grids.
 const MAX_GRIDS: u32 = 12;
-/// The minimum fraction of a scan that must lie on the other scan, in percent.
+/// Minimum overlap in percent: at least this fraction of one of two scans must lie on the other scan.
 const MIN_OVERLAP: f64 = 5.0;
 /// The minimum fraction of the common surface on which the scans must agree, in percent.
 const MIN_AGREEMENT: f64 = 60.0;
@@ -31,7 +31,7 @@ const MIN_AGREEMENT: f64 = 60.0;
 pub(super) struct Start {
     /// The start pose of each scan. The first scan does not move.
     pub(super) poses: Vec<Isometry3<f64>>,
-    /// The maximum distance between corresponding points, in mm.
+    /// The maximum distance, at the start, between points that count as corresponding, in mm.
     pub(super) reach: f64,
     /// True if the poses were found by a search, false if the user gave them. After a search, a bad fit is an error.
     pub(super) is_guess: bool,
@@ -90,7 +90,8 @@ impl Start {
         Ok(Self { poses: poses.into_iter().flatten().collect(), reach: 3.0 * edge, is_guess: true })
     }
 
-    /// Starts at the current positions or at the poses of the captures, depending on `poses`. A `reach` of 0 means the default.
+    /// Starts at the current positions or at the poses of the captures, depending on `poses`. `reach` is the maximum distance of
+    /// corresponding points in mm; 0 means the default, a twentieth of the largest scan.
     ///
     /// # Errors
     /// If a required pose is missing, or `reach` is not a valid length.
@@ -134,7 +135,7 @@ fn rigid(pose: &Matrix4<f64>) -> Isometry3<f64> {
     Isometry3::from_parts(shift.into(), UnitQuaternion::from_rotation_matrix(&rotation))
 }
 
-/// Returns the edge of the finest sampling grid for a scan, in mm. A finer grid would not change the result.
+/// Returns the edge length of the finest useful sampling grid's cells for a scan, in mm. A finer grid would not change the result.
 pub(super) fn min_sampling_edge(cloud: &Cloud) -> f64 {
     let count = cloud.positions.len() as f64 / (MIN_EDGE_RATIO * MIN_EDGE_RATIO);
     MIN_EDGE_RATIO * cloud.spacing * (count / MAX_SAMPLES).max(1.0).sqrt()

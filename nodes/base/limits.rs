@@ -7,6 +7,7 @@ use maquette_node::Limit;
 pub const VERTICES: Limit =
     Limit { max: 1 << 24, items: "vertices", help: "choose fewer rows, columns or sides" };
 
-/// The maximum number of points of a newly created net or grid. A net or grid of this size needs about 400 MB of memory.
+/// The maximum number of points of a newly created control net or range grid. A control net or range grid of this size needs about 400 MB
+/// of memory.
 pub const POINTS: Limit =
     Limit { max: 1 << 22, items: "points", help: "choose fewer rows or columns" };

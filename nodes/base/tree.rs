@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use nalgebra::Point3;
 
-/// The maximum number of points in a leaf.
+/// The maximum number of points in a leaf of the tree, which is not split further.
 const LEAF: usize = 8;
 
 /// Points in the order of the tree: the points of each branch are contiguous, and the branch is split at its middle point.
@@ -27,8 +27,8 @@ impl Tree {
         tree
     }
 
-    /// Returns the index of the point nearest to `at` and its squared distance, if it is less than `reach` away. Of several equally near
-    /// points, returns the one with the lowest index.
+    /// Returns the index of the point nearest to `at`, and its squared distance from `at`. Returns `None` if no point is less than `reach`
+    /// away. Of several equally near points, the one with the lowest index is returned.
     pub fn nearest(&self, at: &Point3<f64>, reach: f64) -> Option<(usize, f64)> {
         let mut best = (reach * reach, u32::MAX);
         self.visit(0..self.points.len(), at, best.0, &mut |point, square| {

@@ -32,7 +32,8 @@ impl Unit {
     /// [`Self::millimeters`] alone often differs from this number in the last bit: 0.0234 m is 23.4 mm and not 23.400000000000002.
     pub fn in_millimeters(self, length: f64) -> f64 {
         let product = length * self.millimeters();
-        // The product is rounded to 12, 9 or 6 decimals. A floating-point number of this size always has that many correct decimals.
+        // The product is rounded to 12, 9 or 6 decimals. A floating-point number of the product's size has at least as many correct
+        // decimals.
         let decimals = match product.abs() {
             size if size < 1e3 => 1e12,
             size if size < 1e6 => 1e9,

@@ -59,13 +59,13 @@ impl Node for FlyingPixels {
     }
 }
 
-/// The offsets (column, row) to four neighbors of a cell; the negated offsets lead to the four opposite neighbors.
+/// The offsets (column, row) from a cell to four of its neighbors. The negated offsets lead to the four opposite neighbors.
 const HALF: [[isize; 2]; 4] = [[1, 0], [1, 1], [0, 1], [-1, 1]];
 
 /// The kind of depth step from a cell to a neighbor.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Step {
-    /// The depths differ so little that both points may be on one surface.
+    /// The depths of both cells differ so little that their points may be on one surface.
     Even,
     /// The surface at the neighbor is much nearer to the sensor.
     Nearer,
@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn cells_between_two_surfaces_are_removed_and_their_rims_stay() {
-        // A post is in front of a wall. Two columns of flying pixels are on the left of the post and one on its right.
+        // A post is in front of a wall. Two columns of flying pixels are to the left of the post, and one column is to its right.
         let image = range_image(|column, _| match column {
             14 => 900.0,
             15 => 700.0,
@@ -169,7 +169,7 @@ mod tests {
         let expected =
             (0..30).flat_map(|row| [14, 15, 25].map(|column| [column, row])).collect::<Vec<_>>();
         assert_eq!(flying(&image, 2), expected);
-        // If no cells are between both surfaces, nothing is removed.
+        // If the depth jumps directly from the post to the wall, no cell is a flying pixel.
         let image =
             range_image(|column, _| if (16..25).contains(&column) { 500.0 } else { 1000.0 });
         assert!(flying(&image, 2).is_empty());

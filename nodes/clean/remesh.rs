@@ -43,7 +43,7 @@ fn default_angle() -> f64 {
     40.0
 }
 
-/// Maximum number of triangles of the result; remeshing so many takes about 4 GB.
+/// Maximum number of triangles of the result; remeshing to this many triangles needs about 4 GB of memory.
 const TRIANGLES: Limit =
     Limit { max: 1 << 23, items: "triangles", help: "choose a greater `length`" };
 
@@ -87,11 +87,11 @@ impl Node for Remesh {
     }
 }
 
-/// Number of rounds. Each round changes triangles and moves vertices; further rounds hardly change the result.
+/// Number of rounds of remeshing. Each round splits, collapses and flips edges and moves vertices; further rounds hardly change the result.
 const ROUNDS: u32 = 10;
 
-/// Multiples of the target length: edges longer than the first are split, and edges shorter than the second collapse. The two halves of a
-/// split edge, and the edge into which two edges merge, are then closer to the target length.
+/// Multiples of the target length: edges longer than `LONG` are split, and edges shorter than `SHORT` collapse. With these limits, the
+/// halves of a split edge, and the edge into which two edges merge, are closer to the target length.
 const LONG: f64 = 4.0 / 3.0;
 const SHORT: f64 = 4.0 / 5.0;
 
@@ -123,7 +123,7 @@ pub fn remesh(
     let count = count(mesh, length);
     TRIANGLES.check(format_args!("a surface with edges of {length} mm"), count)?;
     let (original, mut net) = Original::new(mesh, length, angle)?;
-    // A mesh whose faces have no area cannot be remeshed, and is kept.
+    // A mesh whose faces have no area cannot be remeshed, so its faces are kept.
     let rounds = if count > 0.0 { ROUNDS } else { 0 };
     for round in 0..rounds {
         fn share(part: f64, round: u32, rounds: u32) -> f64 {
@@ -141,7 +141,7 @@ pub fn remesh(
     Ok(original.into_mesh(&net)?)
 }
 
-/// Returns the target length of edges: `given`, or the mean length if that is 0.
+/// Returns the target length of edges: `given`, or the mean length of the edges of `mesh` if `given` is 0.
 fn length(mesh: &Mesh, given: f64) -> f64 {
     if given != 0.0 {
         return given;
@@ -196,7 +196,7 @@ fn split(net: &mut Net, longest: f64, progress: &Progress<'_>) -> Result<(), Can
         for batch in long.chunks(BATCH) {
             progress.check()?;
             for &(square, h) in batch {
-                // Skip an edge whose length has changed because it was split.
+                // Skip an edge whose length has changed since the list was made, because the edge was split.
                 if net.square(h) == square {
                     net.split(h);
                 }
@@ -237,14 +237,15 @@ fn collapse(
                 );
             }
         }
-        // If at most a tenth of the short edges could be collapsed, most of the others cannot, and the loop ends.
+        // If at most a tenth of the short edges could be collapsed, most of the remaining ones cannot be collapsed, either. Then the loop
+        // ends.
         if done * 10 <= count {
             return Ok(());
         }
     }
 }
 
-/// Flips each edge if that brings the valences of the four vertices around it closer to their targets.
+/// Flips each edge if the flip brings the valences of the four vertices of its two triangles closer to their targets.
 fn flip(net: &mut Net, progress: &Progress<'_>) -> Result<(), CancelledError> {
     fn valence_error(vertex: u32, net: &Net) -> i32 {
         match net.leaving[vertex as usize] {
@@ -273,7 +274,7 @@ fn flip(net: &mut Net, progress: &Progress<'_>) -> Result<(), CancelledError> {
             let [a, b] = [net.from(h), net.end(h)];
             let [c, d] = [h, twin].map(|h| net.from(net::previous(h)));
             let changes = [(a, -1), (b, -1), (c, 1), (d, 1)];
-            // The change of the sum of squared deviations from the target valences.
+            // The change that a flip makes to the sum of the squared deviations from the target valences.
             let growth: i32 = changes
                 .iter()
                 .map(|&(vertex, change)| 2 * change * offs[vertex as usize] + 1)
@@ -287,7 +288,7 @@ fn flip(net: &mut Net, progress: &Progress<'_>) -> Result<(), CancelledError> {
     Ok(())
 }
 
-/// Moves each vertex to the centroid of its neighborhood, but keeps it on the surface and on its feature edges.
+/// Moves each vertex to the centroid of its neighborhood, but keeps the vertex on the surface and on its feature edges.
 fn relax(
     net: &mut Net,
     original: &Original<'_>,
@@ -327,7 +328,7 @@ fn relax(
         }
     }
     for ((&vertex, place), normal) in smooth.iter().zip(found).zip(normals) {
-        // Skip a nearest point on the opposite side of a thin part, where the normal is reversed.
+        // Do not move a vertex to a nearest point on the opposite side of a thin part, where the normal is reversed.
         match place {
             Some((place, of_place)) if of_place.dot(&normal) >= 0.0 => net.shift(vertex, place),
             _ => {}

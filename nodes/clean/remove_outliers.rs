@@ -110,7 +110,7 @@ pub fn outliers(scan: &Scan, by: Outliers, progress: &Progress<'_>) -> Result<Ve
     let points: Vec<_> = there.iter().map(|&place| places[place]).collect();
     let tree = Tree::new(&points);
     progress.tick(0.2)?;
-    // One more point is searched, because each point is its own nearest neighbor.
+    // Search one more point than requested, because each point is its own nearest neighbor.
     let count = neighbors as usize + 1;
     let mut apart = vec![false; places.len()];
     match by {
@@ -141,7 +141,8 @@ pub fn outliers(scan: &Scan, by: Outliers, progress: &Progress<'_>) -> Result<Ve
 /// Number of points that are processed between two checks for cancellation.
 const BATCH: usize = 1 << 15;
 
-/// Returns the result of `see` for each point; `see` gets the squared distances to the point's `count` nearest points, itself included.
+/// Returns the result of `see` for each point. `see` gets the squared distances to the point's `count` nearest points; the nearest one is
+/// the point itself.
 fn of_each<T: Copy + Default + Send>(
     tree: &Tree,
     count: usize,

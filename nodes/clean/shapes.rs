@@ -31,7 +31,7 @@ pub(crate) fn sheet(n: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
     Mesh::new(places, Faces::uniform(4, Vec::from_iter(faces)).unwrap()).unwrap()
 }
 
-/// Returns a sphere of radius 10 mm whose triangles are denser at its poles.
+/// Returns a sphere of radius 10 mm whose triangles are smaller near the poles.
 pub(crate) fn ball(n: u32) -> Mesh {
     let mut places = vec![Point3::new(0.0, 0.0, 10.0), Point3::new(0.0, 0.0, -10.0)];
     places.extend((1..n).flat_map(|row: u32| {
@@ -81,7 +81,7 @@ pub(crate) fn volume(mesh: &Mesh) -> f64 {
     fans.sum()
 }
 
-/// Returns a sphere of radius 10 mm with uniform triangles: an icosahedron whose edges are halved repeatedly.
+/// Returns a sphere of radius 10 mm with uniform triangles: an icosahedron whose edges are halved `steps` times.
 pub(crate) fn even_ball(steps: u32) -> Mesh {
     let golden = (1.0 + 5.0_f64.sqrt()) / 2.0;
     let mut places = Vec::new();

@@ -67,11 +67,11 @@ impl Node for Smooth {
 /// Memory in bytes for each corner of a face during the computation.
 const BYTES: f64 = 150.0;
 
-/// A length above this fraction of the diagonal of a mesh's bounding box changes the shape of the mesh: a sphere loses a hundredth of its
-/// volume.
+/// If `length` is above this fraction of the diagonal of the mesh's bounding box, smoothing changes the shape of the mesh: a sphere loses a
+/// hundredth of its volume.
 const MAX_LENGTH_RATIO: f64 = 0.3;
 
-/// Default length, as a multiple of the mean edge length.
+/// Default length below which detail is removed, as a multiple of the mean edge length.
 const DEFAULT_EDGE_LENGTHS: f64 = 6.0;
 
 /// Smooths `mesh`: removes detail smaller than `length` mm (six times the mean edge length if 0).
@@ -79,9 +79,9 @@ const DEFAULT_EDGE_LENGTHS: f64 = 6.0;
 /// Implicit fairing of the second order: Desbrun, Meyer, Schroeder and Barr, "Implicit fairing of irregular meshes using diffusion and
 /// curvature flow" (1999), section 2.4. It solves `(1 + (length / 2 pi)^4 L^2) x = x_before`, where the Laplacian `L` is that of cotangents
 /// divided by areas (equation 14 of that paper). A wave of the length `w` keeps `1 / (1 + (length / w)^4)` of its height. This is the
-/// low-pass filter that Taubin, "A signal processing approach to fair surface design" (1995), approximates by steps; because it is solved
-/// exactly, shrinking needs no correction. Borders and creases are smoothed first, each as a curve, then the surface between them. The cost
-/// grows with the number of faces times the ratio of `length` to the edge length.
+/// low-pass filter that Taubin, "A signal processing approach to fair surface design" (1995), approximates by steps; because the equation
+/// is solved exactly, shrinking needs no correction. Borders and creases are smoothed first, each as a curve, then the surface between
+/// them. The running time grows with the number of faces times the ratio of `length` to the edge length.
 ///
 /// # Errors
 /// Returns an error if the length is invalid, the mesh is too distorted for a solution, or the evaluation is cancelled.
@@ -146,7 +146,8 @@ pub fn smooth(
     Ok(mesh.with_positions(places)?)
 }
 
-/// Maximum cotangent of an angle; larger cotangents occur only in needles, where they are meaningless.
+/// Limit to which the cotangents of triangle angles are clamped; larger cotangents occur only in needles (very thin triangles), where they
+/// are meaningless.
 const MAX_COTANGENT: f64 = 1e3;
 
 fn add_triangle(filter: &mut Filter, corners: [u32; 3], points: &[Point3<f64>]) {

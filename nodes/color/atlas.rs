@@ -67,10 +67,11 @@ fn triangles_of_faces(mesh: &Mesh) -> Vec<(u32, [u32; 3])> {
     faces.collect()
 }
 
-/// Fraction by which triangles shrink toward their centroid before the test for overlaps, because files round texture coordinates.
+/// Fraction by which triangles are shrunk toward their centroids before the test for overlaps. Rounding of texture coordinates in files may
+/// make adjacent triangles overlap slightly.
 const ROUNDED: f64 = 1e-3;
 
-/// Returns the reason why texture coordinates are not an atlas; `None` if they are one.
+/// Returns the reason why texture coordinates cannot be used as an atlas; `None` if they can.
 fn unusable_reason(mesh: &Mesh, uv: &[[f64; 2]]) -> Option<String> {
     let slack = -1e-6..=1.0 + 1e-6;
     if let Some(out) = uv.iter().find(|uv| !uv.iter().all(|x| slack.contains(x))) {
@@ -106,11 +107,11 @@ fn unusable_reason(mesh: &Mesh, uv: &[[f64; 2]]) -> Option<String> {
 pub(crate) struct Texel {
     /// The index of the pixel in the picture, row by row from the top.
     pub(crate) pixel: u32,
-    /// The triangle, an index into [`Texels::triangles`].
+    /// The triangle that the texel shows, as an index into [`Texels::triangles`].
     pub(crate) triangle: u32,
-    /// The weights of the second and the third corner of the triangle.
+    /// The barycentric weights of the triangle's second and third corner at the point that the texel shows.
     shares: [f32; 2],
-    /// True if the center of the texel is on the surface.
+    /// True if the center of the texel is inside a triangle; false if the texel is only needed for interpolation.
     pub(crate) is_inside: bool,
 }
 
@@ -227,7 +228,7 @@ impl Texels {
             pixels[texel.pixel as usize] = *color;
             is_known[texel.pixel as usize] = true;
         }
-        /// Returns the pixel itself and its up to eight neighbors in a square picture.
+        /// Returns the indices of a pixel and of its neighbors (up to eight) in a square picture of `size` x `size` pixels.
         fn neighborhood(pixel: usize, size: usize) -> impl Iterator<Item = usize> {
             let (column, row) = (pixel % size, pixel / size);
             let columns = column.saturating_sub(1)..(column + 2).min(size);
@@ -259,14 +260,14 @@ impl Texels {
     }
 }
 
-/// Returns the nearest point of a triangle, and the weights of the triangle's second and third corner at that point.
+/// Returns the point of a triangle that is nearest to `at`, and the weights of the triangle's second and third corner at that point.
 fn foot([a, b, c]: [Vector2<f64>; 3], at: Vector2<f64>) -> (Vector2<f64>, [f64; 2]) {
     let twice = (b - a).perp(&(c - a));
     let (s, t) = ((at - a).perp(&(c - a)) / twice, (b - a).perp(&(at - a)) / twice);
     if 0.0 <= s && 0.0 <= t && s + t <= 1.0 {
         return (at, [s, t]);
     }
-    // The nearest point is on the nearest side.
+    // `at` is outside of the triangle, so the nearest point is on one of the sides.
     let sides = [
         (a, b, [0.0, 0.0], [1.0, 0.0]),
         (b, c, [1.0, 0.0], [0.0, 1.0]),
@@ -305,7 +306,7 @@ mod tests {
     fn texels_show_their_places() {
         let texels = Texels::new(&square(0.25, 0.75), [8, 8], &Progress::silent()).unwrap();
         assert_eq!(texels.texels.iter().filter(|it| it.is_inside).count(), 16);
-        // Interpolation needs two more rows of texels around the square, without the outer corners.
+        // Interpolation needs two more rings of texels around the square (20 and 16 texels, without the outer corners).
         assert_eq!(texels.texels.len(), 16 + 20 + 16);
         let mesh = square(0.25, 0.75);
         for texel in &texels.texels {
@@ -365,7 +366,7 @@ mod tests {
             error(&square_with([[0., 0.], [1., 0.], [1., 1.], [0.9, 0.1]])),
             format!("{text} the faces 0 and 0 overlap")
         );
-        // Mirrored coordinates are valid.
+        // Mirrored texture coordinates are valid.
         assert_eq!(error(&square_with([[0., 0.], [0., 1.], [1., 1.], [1., 0.]])), "");
     }
 }

@@ -75,7 +75,7 @@ impl Node for Bake {
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let pixels = (self.layout.size.min(SIZE.max) as f64) * self.layout.size as f64;
         let captures = self.captures.iter().map(|capture| cx.get(capture).size() as f64);
-        // Memory for pixels while they are drawn, for texels, and for the samples of each capture.
+        // Bytes of memory per pixel: for drawing, for texels, and for the samples of each capture.
         let each = 100.0 + 36.0 * self.captures.len() as f64;
         let meshes = 4.0 * captures.sum::<f64>() + 20.0 * cx.get(&self.mesh).size() as f64;
         let bytes = pixels * each + meshes;
@@ -110,13 +110,13 @@ impl Node for Bake {
 /// A mesh with a texture baked from captures.
 #[derive(Clone, Debug)]
 pub struct BakedMesh {
-    /// The mesh with its texture.
+    /// The mesh with the baked texture and its texture coordinates.
     pub mesh: Mesh,
     /// The baked texture.
     pub picture: Image,
-    /// The texels that no capture sees.
+    /// A mask of the picture's size that marks the texels that no capture sees.
     pub mask: Mask,
-    /// The fraction of the surface that the unseen texels cover.
+    /// The fraction, from 0 to 1, of the surface's area that no capture sees.
     pub unseen: f64,
     /// The differences between captures where they overlap, as root mean square over channels, in levels of 0 to 255: before and after
     /// equalization.
@@ -217,8 +217,8 @@ fn pose(mesh: &Mesh) -> Option<Matrix4<f64>> {
     mesh.frame()?.world_from_camera
 }
 
-/// Returns the motion of each capture into the coordinates of the mesh. These are the coordinates of the mesh's capture frame, or world
-/// coordinates if the mesh has no frame.
+/// Returns the motion of each capture into the coordinates of the baked mesh: those of the mesh's capture frame, or world coordinates if
+/// the mesh has no frame.
 fn motions(mesh: &Mesh, captures: &[&Mesh], poses: Poses) -> Result<Vec<Matrix4<f64>>, Error> {
     let stay = vec![Matrix4::identity(); captures.len()];
     let known: Vec<_> = captures.iter().map(|capture| pose(capture)).collect();

@@ -98,7 +98,7 @@ impl Layout {
 pub struct LaidOut {
     /// The mesh with `uv` at its corners, and without a texture, which would no longer fit.
     pub mesh: Mesh,
-    /// The number of charts of the mesh.
+    /// The number of charts into which the mesh was cut.
     pub charts: usize,
     /// Scale of the layout: texels per mm of the surface.
     pub scale: f64,
@@ -108,8 +108,9 @@ pub struct LaidOut {
 /// their first corners.
 ///
 /// Charts are as flat as `bend` demands. They are cut where the orientation changes or more than two faces meet at an edge. Each chart is
-/// flattened as rigidly as possible (see `chart.rs`). If that folds the chart, it is projected along its mean normal instead. If the
-/// projection folds the chart, too, it is cut further. A single polygon whose fan is folded stays folded. The cost is O(n log n).
+/// flattened as rigidly as possible (see `chart.rs`). If flattening folds the chart, the chart is projected along its mean normal instead.
+/// If the projection folds the chart, too, the chart is cut further. A single polygon whose fan is folded stays folded. The cost is O(n log
+/// n).
 ///
 /// # Errors
 /// Returns an error if there are no faces, a parameter is out of range, or the charts do not fit.
@@ -176,7 +177,7 @@ fn check(mesh: &Mesh) -> Result<(), Error> {
     Ok(())
 }
 
-/// A mesh with the adjacency of its faces.
+/// A mesh, and the adjacency of its faces along edges.
 struct Surface<'a> {
     mesh: &'a Mesh,
     opposites: Vec<u32>,
@@ -186,14 +187,15 @@ struct Surface<'a> {
 /// Maximum deviation of the flatness (the ratio of projected area to area) from 1, for a chart that counts as plane and has no stretch.
 const PLANE: f64 = 1e-9;
 
-/// Minimum cosine of the angle between a face and the mean normal; at larger angles the projected face is too narrow.
+/// Minimum cosine of the angle between the normal of a face and the mean normal of its chart; at larger angles the projected face is too
+/// narrow.
 const STEEP: f64 = 0.2;
 
-/// Number of rings of faces around a fold that are cut out with it.
+/// Number of rings of faces around a fold that are cut out of the chart together with the fold.
 const RINGS: usize = 3;
 
 impl Surface<'_> {
-    /// Makes charts of some connected faces, and cuts them until each is flattened without a fold.
+    /// Makes charts of some connected faces, and cuts the charts until each can be flattened without a fold.
     fn settle(
         &self,
         faces: Vec<u32>,
@@ -233,15 +235,16 @@ impl Surface<'_> {
         (1.0 - PLANE) * areas.sum::<f64>() <= self.sum(faces).norm()
     }
 
-    /// Returns, for each face, true if its angle to the mean normal of `faces` is so large that projection would stretch the face much.
+    /// Returns, for each of `faces`, true if its normal is so far from the mean normal of all of them that projection would distort the
+    /// face too much.
     fn look_away(&self, faces: &[u32]) -> Vec<bool> {
         let normal = self.sum(faces).try_normalize(0.0).unwrap_or_default();
         let vectors = faces.iter().map(|&face| self.sum(&[face]));
         vectors.map(|vector| vector.dot(&normal) < STEEP * vector.norm()).collect()
     }
 
-    /// Divides a chart into parts. One part has the faces at a large angle to the chart's mean normal, with their surroundings. Without
-    /// faces at such an angle, the chart is divided into two halves.
+    /// Divides a chart into parts. One part consists of the faces whose normals are far from the chart's mean normal, with the faces around
+    /// them. If there are no such faces, the chart is divided into two halves.
     fn cut(&self, chart: &Chart) -> Vec<Vec<u32>> {
         let mut is_away = self.look_away(&chart.faces);
         if is_away.contains(&true) && is_away.contains(&false) {
@@ -279,7 +282,7 @@ impl Surface<'_> {
         [halves.0, halves.1].map(|half| self.pieces(half.iter().map(|it| it.1).collect())).concat()
     }
 
-    /// Returns, for each of the faces, true if the face or one of its neighbors is marked.
+    /// Returns, for each of `faces`, true if the face or one of its adjacent faces is marked.
     fn with_neighbors(&self, faces: &[u32], is_marked: &[bool]) -> Vec<bool> {
         faces
             .iter()

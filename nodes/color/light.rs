@@ -18,7 +18,7 @@ pub(crate) fn light_of(color: Rgb) -> [f64; 3] {
     color.map(|channel| LIGHT[usize::from(channel)])
 }
 
-/// Returns the sRGB channel, 0 to 255, of linear light; clamped.
+/// Returns the sRGB channel, 0 to 255, of linear light; `light` is clamped to the range from 0 to 1.
 pub(crate) fn channel(light: f64) -> f64 {
     let x = light.clamp(0.0, 1.0);
     255.0 * if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * libm::pow(x, 1.0 / 2.4) - 0.055 }

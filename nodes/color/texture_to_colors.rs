@@ -53,7 +53,7 @@ impl Node for TextureToColors {
         let pixels = mesh.texture().map_or(0, |it| it.pixels().len()) as f64;
         let corners = mesh.faces().corners().len() as f64;
         let bytes = match self.by {
-            // Memory for the texels, and for the equations of each triangle.
+            // Bytes of memory for the texels and for the equations of the triangles.
             Sampling::Area => 30.0 * pixels + 150.0 * corners,
             Sampling::Point => 40.0 * corners,
         };
@@ -73,7 +73,8 @@ const SPRING_WEIGHT: f64 = 0.1;
 ///
 /// [`Sampling::Area`] is the best fit of Kavan, Bargteil and Sloan, "Least squares vertex baking" (2011), section 3: the minimum, over
 /// texels, of the squared difference between the texture and the interpolated vertex colors. Instead of the smoothing in that paper, a weak
-/// spring pulls each vertex to the color at its position; it matters only for vertices on which hardly a texel depends.
+/// spring pulls the color of each vertex to the texture's color at the vertex; the spring matters only for vertices that affect hardly any
+/// texel.
 ///
 /// # Errors
 /// Returns an error if the mesh has no texture or no texture coordinates.
@@ -242,7 +243,7 @@ mod tests {
 
     #[test]
     fn a_speck_decides_only_a_point() {
-        // One texel in 256 is white; it is at a vertex.
+        // One texel in 256 is white, and each white texel is at a vertex.
         let mut pixels = vec![[0; 3]; 64 * 64];
         for k in 0..16 {
             pixels[(k / 4 * 16 + 15) * 64 + k % 4 * 16 + 15] = [255; 3];
@@ -251,7 +252,7 @@ mod tests {
         let inner = 6;
         assert!(colors(&mesh, Sampling::Point)[inner][0] > 50);
         assert!(colors(&mesh, Sampling::Area)[inner][0] < 10);
-        // The mean brightness must not change.
+        // The vertex colors must have the mean brightness of the texture.
         let mean =
             colors(&mesh, Sampling::Area).iter().map(|it| f64::from(it[0])).sum::<f64>() / 25.0;
         assert!((0.3..3.0).contains(&mean), "{mean}");

@@ -200,7 +200,7 @@ mod tests {
         SurfacePoint { at, to: [at[0], at[1], height], sigma: Some([sigma; 2]), weight: 1.0 }
     }
 
-    /// Returns the nine points of algorithms.md, section 9.7. The center point makes a bump and has its own deviation.
+    /// Returns the nine points of algorithms.md, section 9.7. The center point makes a bump; its deviation is `middle`.
     fn bump(middle: f64) -> Vec<SurfacePoint> {
         fn place(k: usize) -> [f64; 2] {
             [(k / 3) as f64 / 2.0, (k % 3) as f64 / 2.0]

@@ -106,8 +106,9 @@ impl Node for Handles {
 
 /// Returns handles at rest on an object, in mm; fewer than requested if the object has fewer distinct points.
 ///
-/// Lengths in `on` and `sigma` are measured in the unit of `space`. Points are chosen as in Gonzalez, "Clustering to minimize the maximum intercluster
-/// distance" (1985). The first is the point farthest from the mean of all points; of several equally far points, the first is taken.
+/// Lengths in `on` and `sigma` are measured in the unit of `space`. Points are chosen as in Gonzalez, "Clustering to minimize the maximum
+/// intercluster distance" (1985). The first is the point farthest from the mean of all points; of several equally far points, the first is
+/// taken.
 ///
 /// # Errors
 /// Returns an error if there is no point to place a handle on, or if the attribute does not exist. Also if a number in `on` or `sigma` is
@@ -244,7 +245,7 @@ fn farthest(
     let mut positions = Vec::new();
     for step in 0..=count {
         progress.tick(step as f64 / count as f64)?;
-        // In the first step, the distances are those from the mean. They are replaced after the first point is chosen.
+        // In the first step, the distances are those from the mean of all points. In later steps, they are those from the chosen points.
         let keep = step > 1;
         let is_cancelled = AtomicBool::new(false);
         let best =

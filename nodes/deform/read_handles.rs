@@ -21,7 +21,7 @@ pub struct ReadHandles {
     pub space: HandleSpace,
 }
 
-/// The error for a file with an unknown extension.
+/// The error for a handle file with an unknown extension, which the field holds.
 #[derive(Debug, thiserror::Error)]
 #[error("unknown extension `.{0}` of a file of handles; expected ron, json or csv")]
 struct UnknownExtension(String);

@@ -64,7 +64,7 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, Error> {
     }
     let is_closed = curve.is_closed();
     let mut points = curve.sample(0);
-    // Remove points that equal the previous one: they give no direction.
+    // Remove points that equal the previous point, because no direction can be computed between equal points.
     points.dedup();
     if is_closed && points.first() == points.last() {
         points.pop();
@@ -220,7 +220,7 @@ mod tests {
         )
         .unwrap();
         let mesh = tube(&ring, 0.2, 12).unwrap();
-        // Each quad belongs to one side of the tube, so its corners have about the same height above the plane of the ring.
+        // Each quad belongs to one side of the tube, so the corners of the quad are at about the same angle around the tube.
         for face in mesh.faces().iter() {
             let heights = face.iter().map(|vertex| mesh.positions()[*vertex as usize].z);
             let (low, high) =

@@ -2,8 +2,8 @@
 
 use maquette_value::CaptureFrame;
 
-/// Returns the capture frame that merged meshes have in common. If their frames differ, returns the first frame without camera and pose.
-/// Returns `None` if a mesh has no frame.
+/// Returns the capture frame of a mesh that is merged from meshes with these frames: their common frame, or, if the frames differ, the
+/// first one without camera and pose. Returns `None` if a mesh has no frame.
 pub(super) fn common_frame(frames: &[Option<CaptureFrame>]) -> Option<CaptureFrame> {
     let first = (*frames.first()?)?;
     if frames.iter().all(|frame| *frame == Some(first)) {

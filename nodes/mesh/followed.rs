@@ -14,13 +14,13 @@ use super::motion::Motion;
 pub(super) struct Part<'a> {
     pub(super) before: &'a Mesh,
     pub(super) now: &'a Mesh,
-    /// The motion that was applied to the mesh's vertices, if any.
+    /// The motion that the merge or transform applies to the mesh's vertices; `None` if they stay.
     pub(super) motion: Option<Motion>,
 }
 
 /// Updates `made`, in which the vertices of all parts are concatenated: gives the vertices that have moved in a part their new positions
-/// and normals. Texture and frame stay. Returns `None` if more than positions has changed in a part, a position is not finite, or more than
-/// the fraction `most` of all vertices has moved.
+/// and normals. Texture and frame stay. Returns `None` if anything except positions has changed in a part, a position is not finite, or
+/// more than the fraction `most` of all vertices has moved.
 pub(super) fn move_vertices(made: &Mesh, parts: &[Part<'_>], most: f64) -> Option<Mesh> {
     let moved = parts.iter().map(|part| part.now.moved_since(part.before));
     let moved: Vec<MovedRows> = moved.collect::<Option<_>>()?;
@@ -29,7 +29,8 @@ pub(super) fn move_vertices(made: &Mesh, parts: &[Part<'_>], most: f64) -> Optio
         return None;
     }
     let each = parts.iter().zip(&moved);
-    /// Returns the moved rows of all parts, as rows of the joined mesh.
+    /// Returns the vertices of all parts that have moved, as ranges of vertex indices in the joined mesh. `rows` selects positions or
+    /// normals.
     fn joined_rows(
         parts: &[Part<'_>],
         moved: &[MovedRows],
@@ -75,7 +76,7 @@ pub(super) fn move_vertices(made: &Mesh, parts: &[Part<'_>], most: f64) -> Optio
     mesh.with_vertex("normal", Attribute::Vector(normals)).ok()
 }
 
-/// Returns the results of `f` for the vertices in `rows`.
+/// Returns the results of `f` for the vertices in the index ranges `rows`, in order.
 fn map_rows<T: Send>(rows: &[Range<u32>], f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let vertices: Vec<_> = rows.iter().cloned().flatten().collect();
     vertices.par_iter().with_min_len(4096).map(|&vertex| f(vertex as usize)).collect()

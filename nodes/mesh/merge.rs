@@ -57,7 +57,8 @@ impl Node for Merge {
         Ok((merge(&meshes, self.poses)?,))
     }
 
-    /// If only vertices of some meshes have moved since the last evaluation, moves these vertices in the last result.
+    /// If only vertices of some meshes have moved since the last evaluation, moves these vertices in the last result. Otherwise returns
+    /// `None`.
     fn update(
         &self,
         cx: &Context<'_>,
@@ -75,7 +76,7 @@ impl Node for Merge {
 }
 
 impl Merge {
-    /// Warns about differences between the meshes.
+    /// Warns if there are no meshes, or if poses, capture frames or attributes of the meshes do not match.
     fn warn(&self, meshes: &[&Mesh], cx: &Context<'_>) {
         if meshes.is_empty() {
             cx.warn("the mesh is empty: there are no meshes to merge");
@@ -107,7 +108,7 @@ fn is_colored(mesh: &Mesh) -> bool {
     is_empty || mesh.texture().is_some() || mesh.vertex().colors("color").is_some()
 }
 
-/// Maximum size of a merged mesh in bytes; the computation may need three times as much.
+/// Maximum size of a merged mesh in bytes; the computation may need three times as much memory.
 const BYTES: Limit =
     Limit { max: 4_000_000_000, items: "bytes", help: "merge fewer or coarser meshes" };
 
@@ -163,8 +164,8 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, Error> {
     })
 }
 
-/// Updates `made`, the last result of [`merge`], which was made of the meshes `before`. Returns `None` if more has changed than positions
-/// and normals of vertices, a common texture, and frames.
+/// Updates `made`, the last result of [`merge`], which was made of the meshes `before`. Returns `None` if anything else has changed than
+/// positions and normals of vertices, a common texture, and frames.
 fn follow(meshes: &[&Mesh], before: &[&Mesh], made: &Mesh, poses: Poses) -> Option<Mesh> {
     let (first, motions) = (meshes.first()?, motions(meshes, poses));
     let [now, earlier] = [meshes, before]
@@ -179,14 +180,14 @@ fn follow(meshes: &[&Mesh], before: &[&Mesh], made: &Mesh, poses: Poses) -> Opti
     Some(followed.with_materials(first.materials().clone()).with_frame(frame(meshes, &motions)))
 }
 
-/// Returns the motion of each mesh into world coordinates. All are `None` unless poses are applied and each mesh has a pose.
+/// Returns the motion of each mesh into world coordinates. All motions are `None` unless poses are applied and each mesh has a pose.
 fn motions(meshes: &[&Mesh], poses: Poses) -> Vec<Option<Motion>> {
     let all: Vec<_> = meshes.iter().map(|mesh| pose(mesh).map(motion)).collect();
     let applied = poses != Poses::Ignore && all.iter().all(Option::is_some);
     if applied { all } else { vec![None; meshes.len()] }
 }
 
-/// Returns the frame of the merged mesh.
+/// Returns the capture frame of the merged mesh; `None` if a mesh has no frame, or all meshes are moved to world coordinates.
 fn frame(meshes: &[&Mesh], motions: &[Option<Motion>]) -> Option<CaptureFrame> {
     let frames: Vec<_> = meshes.iter().map(|mesh| mesh.frame().copied()).collect();
     common_frame(&frames).filter(|_| motions.contains(&None))
@@ -226,7 +227,7 @@ fn motion(pose: &Matrix4<f64>) -> Motion {
     }
 }
 
-/// Returns the mesh with its texture as vertex colors, and without texture coordinates.
+/// Returns the mesh with the colors of its texture as vertex colors, and without texture coordinates.
 fn with_vertex_colors(mesh: &Mesh) -> Result<Mesh, MeshError> {
     let colors = mesh.texture_colors();
     let plain = mesh.clone().with_texture(None).without_attribute("uv");
@@ -238,7 +239,7 @@ fn with_vertex_colors(mesh: &Mesh) -> Result<Mesh, MeshError> {
 
 fn positions(parts: &[Mesh]) -> Result<Vec<nalgebra::Point3<f64>>, MeshError> {
     let count = parts.iter().map(|part| part.positions().len()).sum();
-    // The functions below index vertices with 32 bits.
+    // Refuse too many vertices here, because the functions below index vertices with 32 bits.
     if u32::try_from(count).is_err() {
         return Err(MeshError::TooLarge { what: "vertices", count });
     }
@@ -247,7 +248,7 @@ fn positions(parts: &[Mesh]) -> Result<Vec<nalgebra::Point3<f64>>, MeshError> {
     Ok(positions)
 }
 
-/// Returns the index, in the merged mesh, of each part's first vertex.
+/// Returns, for each part, the index that its first vertex has in the merged mesh.
 fn offsets(parts: &[Mesh]) -> impl Iterator<Item = u32> {
     parts.iter().scan(0, |end, part| {
         let begin = *end;
@@ -288,7 +289,8 @@ fn creases(parts: &[Mesh]) -> Vec<([u32; 2], f64)> {
 
 /// Adds the attributes of all parts to the mesh that was made of the parts.
 fn with_attributes(mut merged: Mesh, parts: &[Mesh]) -> Result<Mesh, MeshError> {
-    /// Returns the concatenated attributes of one kind of element; `part` returns those of one mesh and the number of its elements.
+    /// Returns the concatenated attributes of vertices, corners or faces. `part` returns the attributes of this kind of element for one
+    /// mesh, and the number of its elements.
     fn concatenate_each(
         parts: &[Mesh],
         part: fn(&Mesh) -> (&Attributes, usize),
@@ -324,7 +326,7 @@ fn concatenate<'a>(parts: &[(&'a Attributes, usize)]) -> Vec<(&'a str, Attribute
         .collect()
 }
 
-/// Concatenates columns of one type. Returns `None` if the types differ, or if a column is missing and the others do not contain flags.
+/// Concatenates columns of one type. Returns `None` if the types differ, or if a mesh lacks a column that does not contain flags.
 fn join(columns: &[(Option<&Attribute>, usize)]) -> Option<Attribute> {
     macro_rules! join {
         ($kind:ident, $absent:expr) => {{

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 /// A linear map and a translation: `moved = linear * point + shift`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
-    /// The linear map: scale, then rotation.
+    /// The linear map: scaling, followed by rotation.
     pub linear: Matrix3<f64>,
     /// The translation that follows the linear map, in mm.
     pub shift: Vector3<f64>,
@@ -42,8 +42,8 @@ impl Motion {
         points.par_iter().with_min_len(4096).map(|&point| self.apply(point)).collect()
     }
 
-    /// Returns the map for unit normals: the inverse transpose, since normals are perpendicular to the surface. Returns `None` if a scale
-    /// is too small to be inverted.
+    /// Returns a function that maps unit normals: it applies the inverse transpose of the linear map, since normals must stay perpendicular
+    /// to the surface. Returns `None` if a scale is too small to be inverted.
     pub(super) fn normals(&self) -> Option<impl Fn(&[f64; 3]) -> [f64; 3]> {
         let inverse = self.linear.try_inverse()?;
         Some(move |normal: &[f64; 3]| {

@@ -5,7 +5,7 @@ use maquette_value::{Attribute, CaptureFrame, Mesh, MeshError};
 use super::motion::Motion;
 use super::turned_faces::turned_faces;
 
-/// Returns the frame of a moved mesh: that of `mesh` without camera and pose.
+/// Returns the capture frame of a moved mesh: the frame of `mesh` without camera and pose; `None` if `mesh` has no frame.
 pub(super) fn moved_frame(mesh: &Mesh) -> Option<CaptureFrame> {
     Some(CaptureFrame { camera: None, world_from_camera: None, ..*mesh.frame()? })
 }

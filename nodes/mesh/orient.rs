@@ -77,7 +77,7 @@ impl Node for Orient {
 
 /// An oriented mesh, and the numbers of parts and edges that could not be handled.
 pub struct OrientedMesh {
-    /// The mesh with its faces oriented.
+    /// The mesh after the rule `outside` was applied to its faces.
     pub mesh: Mesh,
     /// The number of parts for which no outside could be determined.
     pub undecided: usize,
@@ -119,7 +119,8 @@ pub fn orient(mesh: &Mesh, outside: Outside) -> Result<OrientedMesh, Error> {
     })
 }
 
-/// Returns, for each part, the solid angle of its front faces, seen from the sensor at the origin, minus the solid angle of its back faces.
+/// Returns, for each part, the solid angle of the faces whose front the sensor at the origin sees, minus the solid angle of the faces whose
+/// back it sees.
 fn seen_sides(mesh: &Mesh, sheets: &Sheets) -> Vec<f64> {
     let mut sides = vec![0.0; sheets.is_closed.len()];
     for (face, &part) in mesh.faces().iter().zip(&sheets.of_face) {
@@ -130,8 +131,8 @@ fn seen_sides(mesh: &Mesh, sheets: &Sheets) -> Vec<f64> {
     sides
 }
 
-/// Orients all parts like the largest one, which does not change. A flat part is oriented such that its normal is as close as possible to
-/// that of the largest part.
+/// Orients all parts like the largest one, which does not change. A flat part is oriented such that its normal makes the smaller angle with
+/// the normal of the largest part.
 fn like_the_largest(mesh: &Mesh, sheets: &Sheets, sides: &mut [f64]) {
     let (mut areas, mut looks) = (vec![0.0; sides.len()], vec![Vector3::zeros(); sides.len()]);
     for (face, &part) in mesh.faces().iter().zip(&sheets.of_face) {
@@ -167,7 +168,7 @@ fn flip_faces(mesh: &Mesh, is_turned: &[bool]) -> Result<Mesh, MeshError> {
         turned = turned.with_corner("normal", normals)?;
     }
     if let Some(normals) = turned.vertex().vectors("normal") {
-        // For each vertex: true if one of its faces stays, and true if one of its faces is flipped.
+        // For each vertex two flags: true if at least one of its faces stays, and true if at least one is flipped.
         let mut has = vec![[false; 2]; mesh.positions().len()];
         for (face, &is_turned) in mesh.faces().iter().zip(is_turned) {
             face.iter().for_each(|&vertex| has[vertex as usize][usize::from(is_turned)] = true);

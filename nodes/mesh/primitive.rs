@@ -131,7 +131,7 @@ pub fn primitive(shape: Shape, center: Point3<f64>) -> Result<Mesh, Error> {
             }
             let steps = sides / 4;
             let (corners, faces) = cube(steps);
-            // The vertices are at equal angles along the edges of the cube's sides.
+            // Place the vertices at equal angles, as seen from the center, along the edges of the cube's sides.
             fn angle(k: u32, steps: u32) -> f64 {
                 (f64::from(k) / f64::from(steps) - 0.5) * FRAC_PI_2
             }

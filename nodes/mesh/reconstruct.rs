@@ -79,7 +79,7 @@ pub enum FaceKind {
     Quads,
 }
 
-/// Minimum number of points; fewer points enclose no volume.
+/// Minimum number of distinct points; fewer points enclose no volume.
 const MIN_POINTS: usize = 4;
 
 /// Maximum number of cells along each side of the cube that contains the points.
@@ -89,10 +89,11 @@ const SIDE: Limit = Limit {
     help: "choose a larger `spacing`, or remove points that are far away",
 };
 
-/// Maximum depth of the grid: the number of times that its cube is halved. With a larger depth, the numbers of cells would overflow.
+/// Maximum depth of the grid: the number of times that the cube around the points is halved. With a larger depth, the numbers of cells
+/// would overflow.
 const MAX_DEPTH: u32 = 12;
 
-/// Maximum number of points of all sources; each needs about 200 bytes while they are sorted.
+/// Maximum number of points of all sources together; each point needs about 200 bytes while the points are sorted.
 const POINTS: Limit = Limit { max: 20_000_000, items: "points", help: "leave out some" };
 
 impl Node for Reconstruct {
@@ -118,8 +119,8 @@ impl Node for Reconstruct {
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let points = self.points.iter().map(|points| valid(&cx.get(points))).sum::<usize>() as f64;
-        // The constant is for the coarse grids, which fill the whole cube. Finer grids cover only the points and the regions between them
-        // that were not scanned.
+        // The constant term is for the coarse grids, which fill the whole cube. Finer grids cover only the points and unscanned regions
+        // between them.
         Some(Estimate { bytes: 1e7 + points * 3000.0, help: poisson::NODES.help })
     }
 
@@ -187,8 +188,8 @@ impl Default for Options {
 /// The mesh is a surface net (Gibson, "Constrained elastic surface nets", 1998): a mesh with a vertex in each grid cell that the surface
 /// intersects, whose vertices are moved along the surface until they are evenly distributed. The surface is a level set of a screened
 /// Poisson function (Kazhdan and Hoppe, 2013) of points with normals, which are estimated and oriented after Hoppe et al. (1992). The
-/// finest grid has the edge length `spacing`. Its automatic value is 1.25 times the spacing of the points, or 1.5 times the deviation of
-/// the points from their surface, if that is larger.
+/// finest grid has the edge length `spacing`. Its automatic value is 1.25 times the spacing of the points, or 1.5 times the standard
+/// deviation of the points from their surface, if that is larger.
 ///
 /// # Errors
 /// Returns an error if there is no source, there are too few points, all points are on a line or, for a closed surface, in a plane, a pose
@@ -260,7 +261,7 @@ impl Options {
     }
 }
 
-/// The transform from a source's frame to world coordinates, if it is known.
+/// The transform from a source's capture frame to world coordinates; `None` if it is not known.
 type Pose = Option<Matrix4<f64>>;
 
 fn pose(source: &Scattered) -> Pose {
@@ -279,7 +280,7 @@ fn count(source: &Scattered) -> usize {
     }
 }
 
-/// Returns the number of valid points of a source.
+/// Returns the number of points of a source, without the cells of a range image that have no point.
 fn valid(source: &Scattered) -> usize {
     match source {
         Scattered::RangeImage(range) => range.points().iter().filter(|at| at.x.is_finite()).count(),
@@ -319,12 +320,12 @@ struct Pieces {
     noise: f64,
 }
 
-/// Minimum automatic edge length of the grid, in multiples of the points' spacing. Shorter edges leave holes between the points, longer
-/// ones lose detail.
+/// Minimum edge length of the grid's cells, in multiples of the points' spacing, if `spacing` is automatic. Shorter edges leave holes
+/// between the points, longer ones lose detail.
 const PER_DISTANCE: f64 = 1.25;
 
-/// Minimum automatic edge length of the grid, in deviations of the points from their surface. Where the noise is larger than the spacing of
-/// the points, about a hundred points are then averaged.
+/// Minimum edge length of the grid's cells, in standard deviations of the points from their surface, if `spacing` is automatic. Where the
+/// noise is larger than the spacing of the points, about a hundred points are then averaged.
 const PER_NOISE: f64 = 1.5;
 
 impl Pieces {
@@ -362,7 +363,7 @@ fn unmeasurable_error() -> Error {
     )
 }
 
-/// Checks that the points are on a surface, and returns their mean spacing.
+/// Checks that the points are distinct and spread enough to define a surface of this kind, and returns their mean spacing in mm.
 fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, Error> {
     let (low, high) = bounds(positions).ok_or_else(|| too_few_error(0))?;
     let size = (high - low).max();
@@ -391,7 +392,7 @@ fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, Error> {
     let eigen = covariance.try_symmetric_eigen(f64::EPSILON, 1000);
     let mut spread: [f64; 3] = eigen.ok_or_else(unmeasurable_error)?.eigenvalues.into();
     spread.sort_by(f64::total_cmp);
-    // The spreads are squared lengths: 1e-12 is the square of a millionth.
+    // The spreads are squared lengths, so the limit is the square of a millionth of the length.
     fn is_none(spread: f64, most: f64) -> bool {
         spread.is_nan() || spread <= 1e-12 * most
     }
@@ -404,8 +405,8 @@ fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, Error> {
     Ok(distance(positions, count, low, size))
 }
 
-/// Returns the mean spacing of points on a surface. It is derived from the number of occupied cells, at the cell size for which an occupied
-/// cell contains four points on average.
+/// Returns the mean spacing of points on a surface. The spacing is derived from the number of occupied grid cells, at the cell size for
+/// which an occupied cell contains four points on average.
 fn distance(positions: &[Point3<f64>], count: usize, low: Point3<f64>, size: f64) -> f64 {
     let mut last = (size, count as f64);
     for depth in 1..=MAX_DEPTH {
@@ -414,7 +415,7 @@ fn distance(positions: &[Point3<f64>], count: usize, low: Point3<f64>, size: f64
         let occupied = keys.chunk_by(|a, b| a.0 == b.0).count() as f64;
         let each = count as f64 / occupied;
         if each < POINTS_PER_CELL {
-            // The cell size is interpolated between this depth and the previous one, on a logarithmic scale.
+            // Interpolate the cell size, on a logarithmic scale, between those of this depth and of the previous depth.
             let share = libm::log(POINTS_PER_CELL / each) / libm::log(last.1 / each).max(1e-9);
             let edge = cube.edge * libm::exp2(share.clamp(0.0, 1.0));
             return edge / (POINTS_PER_CELL * CROSSED).sqrt();
@@ -424,7 +425,7 @@ fn distance(positions: &[Point3<f64>], count: usize, low: Point3<f64>, size: f64
     last.0 / (last.1 * CROSSED).sqrt()
 }
 
-/// Number of points per cell at the cell size from which the spacing is computed.
+/// Mean number of points per occupied cell at the cell size from which the spacing is computed.
 const POINTS_PER_CELL: f64 = 4.0;
 
 /// The number of cells that a surface intersects, divided by its area in squared cells, averaged over all directions.
@@ -451,7 +452,7 @@ fn cube(positions: &[Point3<f64>], edge: f64) -> Result<Cube, Error> {
     Ok(Cube { corner: nalgebra::center(&low, &high) - half, edge, depth })
 }
 
-/// Returns the faces as quads, or as two triangles for each quad, split along the shorter diagonal.
+/// Returns the faces of the result: the quads of `skin`, or two triangles for each quad, split along the shorter diagonal.
 fn faces(skin: &Skin, kind: FaceKind) -> Result<Faces, MeshError> {
     if kind == FaceKind::Quads {
         return Faces::uniform(4, skin.quads.concat());

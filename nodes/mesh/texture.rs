@@ -110,9 +110,9 @@ pub fn texture(
 /// the picture's width and height in the object's unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
-    /// The axis of projection, in the object's x and y.
+    /// The position of the axis of projection: the x and y of the object, in mm.
     pub axis: [f64; 2],
-    /// The texture coordinate of the axis.
+    /// The texture coordinates `(s, t)` at the axis of projection.
     pub center: [f64; 2],
     /// Half the picture's width and height (`alpha a`, `beta b`), in mm; not 0.
     pub half: [f64; 2],
@@ -164,14 +164,14 @@ impl Window {
         })
     }
 
-    /// Returns the texture coordinate of a point: from 0 to 1 inside of the window, below 0 or above 1 outside of it.
+    /// Returns the texture coordinates of a point. Both are from 0 to 1 inside of the window; outside, at least one is below 0 or above 1.
     pub fn uv(&self, point: Point3<f64>) -> [f64; 2] {
         let [x, y] = [0, 1].map(|k| (point[k] - self.axis[k]) / (2.0 * self.half[k]));
         [self.center[0] + x, self.center[1] + if self.y_down { -y } else { y }]
     }
 }
 
-/// Returns the field of view of a capture's camera at its median depth, if the camera is known.
+/// Returns the field of view of a capture's camera at the median depth of the capture; `None` if the camera is not known.
 fn field_of_view(frame: &CaptureFrame) -> Option<Window> {
     let camera = frame.camera?;
     let size = frame.picture.map(|size| size as f64);
@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn a_planar_picture_spans_alpha_times_the_object() {
-        // The box has the half extents 3 and 2 around (10, 20).
+        // The box extends from its center (10, 20) by 3 along x and by 2 along y, to both sides.
         let box_corners = [[7., 18., 0.], [13., 22., 5.]];
         assert_eq!(planar(&mesh(&box_corners), None, (0., 0.)), [[0., 0.], [1., 1.]]);
         let probes =

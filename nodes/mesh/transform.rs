@@ -58,7 +58,8 @@ impl Node for Transform {
         Ok((if self.sensor_axes { without_frame(moved) } else { moved },))
     }
 
-    /// If only some vertices of a mesh have moved since the last evaluation, moves only these in the last result.
+    /// If only some vertices of a mesh have moved since the last evaluation, moves only these vertices in the last result. Otherwise
+    /// returns `None`.
     fn update(
         &self,
         cx: &Context<'_>,
@@ -80,11 +81,12 @@ impl Transform {
     }
 }
 
-/// Maximum fraction of moved vertices for which the last result is updated. Above this fraction, a new mesh is faster: for five million
-/// vertices, both are equally fast at a fifth. The limit does not apply to a mirrored mesh: a new one would also need its faces reversed.
+/// Maximum fraction of moved vertices for which the last result is updated. Above this fraction, computing a new mesh is faster: for five
+/// million vertices, both methods are equally fast if a fifth has moved. The limit does not apply to a mirrored mesh, because a new mesh
+/// would also need its faces reversed.
 const MAX_MOVED_FRACTION: f64 = 0.2;
 
-/// Updates `made`, the last result of [`transform`]; returns `None` if more than positions and normals of vertices has changed.
+/// Updates `made`, the last result of [`transform`]; returns `None` if anything else than positions and normals of vertices has changed.
 fn follow(mesh: &Mesh, before: &Mesh, made: &Mesh, motion: &Motion) -> Option<Mesh> {
     if motion.is_identity() {
         return None;
@@ -261,7 +263,7 @@ mod tests {
                     |now| move_vertices(&made, &[Part { before, now, motion: Some(motion) }], 0.5);
                 assert_eq!(hash_of(&followed(&now).unwrap()), hash_of(&expected), "{scale:?}");
                 assert_eq!(followed(&now.clone().without_attribute("uv")), None);
-                // If half of the vertices have moved, there are too many for an update; but a mirrored mesh has no limit.
+                // Half of the vertices have moved, which is too many for an update of the last result, unless the mesh is mirrored.
                 let pays = follow(&now, before, &made, &motion).is_some();
                 assert_eq!(pays, motion.is_mirror());
             }

@@ -46,7 +46,7 @@ fn default_resample() -> [usize; 2] {
     [1, 1]
 }
 
-/// Maximum number of cells of a finer grid. With this number of cells, the computation takes about 5 GB of memory.
+/// Maximum number of cells of the grid after `resample`. With this many cells, the computation needs about 5 GB of memory.
 const CELLS: Limit = Limit { max: 1 << 26, items: "cells", help: "choose a smaller `resample`" };
 
 impl Node for Blend {
@@ -91,7 +91,7 @@ impl Node for Blend {
 /// The result of a blend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlendedRange {
-    /// The range image with the surface in its cells.
+    /// The changed range image: the cells of the region have the points of the surface.
     pub range: RangeImage,
     /// The number of changed cells at which the grid newly folds over in the sensor's view, so that cells hide each other.
     pub folded: usize,
@@ -125,7 +125,7 @@ fn cells(range: &RangeImage, [down, right]: [usize; 2]) -> f64 {
 /// point if the scan has none. The new point of a cell is `D + (S - S')` in the mode `Displacement`, `S` in the mode `Replace`, and `(1 -
 /// f) D + f S` in the mode `Feather`. The weight f is x^2 (3 - 2 x), where x is the distance from the nearest cell outside of the region,
 /// scaled so that it is 1 at the end of the band. If all weights of the net are equal, `S - S'` is the surface of the net's offsets. Where
-/// it is 0, D keeps its bits.
+/// `S - S'` is 0, D keeps its bits.
 ///
 /// Shadows are areas of cells without a point that the scan surrounds. A shadow of up to 1000 cells is filled by a thin plate under tension
 /// if it borders on both the region and the rest of the scan. It is also filled if all its cells are within 8 cells of the region.
@@ -137,7 +137,7 @@ fn cells(range: &RangeImage, [down, right]: [usize; 2]) -> f64 {
 /// `resample` divides each cell into (rows, columns); (1, 1) keeps the grid.
 ///
 /// # Errors
-/// Returns an error if the grids differ in size, a cell of the region is not on the surface, or a factor is 0 or too large.
+/// Returns an error if the grids differ in size, a cell of the region is not on the surface, or a factor in `resample` is 0 or too large.
 pub fn blend(
     range: &RangeImage,
     region: &Region,
@@ -211,14 +211,14 @@ fn follow(
     Ok(BlendedRange { range: made.with_moved(&rows, moved), folded, seam })
 }
 
-/// The points of all cells of a canvas after a surface was written to it, with the number of folded cells and the seam.
+/// The points of all cells of a canvas (range grid) after a surface was written to it, with the number of folded cells and the seam.
 struct WrittenCells {
     points: Vec<Point3<f64>>,
     folded: usize,
     seam: Option<Seam>,
 }
 
-/// Writes a surface to the cells of a canvas. If `region` is given, measures the seam at the border of this region.
+/// Writes a surface to the cells of a canvas (range grid). If `region` is given, also measures the seam at the border of this region.
 fn write_cells(
     canvas: &Canvas,
     surface: &Surface,
@@ -235,15 +235,16 @@ fn write_cells(
     Ok(WrittenCells { points, folded, seam })
 }
 
-/// Maximum distance in cells between the region and a gap of the scan that is closed although it does not touch the region. Such gaps are
-/// shadows, and slits between unconnected cells.
+/// Gaps of the scan (shadows and slits between unconnected cells) are closed if they are at most this many cells away from the region, even
+/// if they do not touch it.
 const MAX_GAP_DISTANCE: usize = 8;
 
-/// Maximum edge length of a continuous surface, in multiples of the median spacing. It is large because the region may protrude and hide
-/// some of its surroundings from the sensor. Longer edges lead to the background, which does not belong to the surface.
+/// Maximum edge length of a triangle that continues a surface, in multiples of the grid's median spacing. The limit is large because the
+/// region may protrude and hide some of its surroundings from the sensor. Longer edges lead to the background, which does not belong to the
+/// surface.
 const ACROSS: f64 = 15.0;
 
-/// Masks of the cells inside a region, and of these cells with all cells at most `MAX_GAP_DISTANCE` away.
+/// Two masks of range cells: the cells inside a region, and the cells that are inside or at most `MAX_GAP_DISTANCE` cells away.
 struct Neighborhood {
     inside: Mask,
     near: Mask,
@@ -274,7 +275,7 @@ fn fill_beside(
     progress: &Progress<'_>,
 ) -> Result<Vec<u32>, CancelledError> {
     let width = canvas.width;
-    // The region has a point for each of its cells, even if the scan has none there.
+    // A region has a point for each of its cells, even for a cell without a scanned point.
     fn is_known(cell: usize, region: &Neighborhood, range: &RangeImage) -> bool {
         region.has(cell) || range.point(cell).is_some()
     }
@@ -358,7 +359,7 @@ fn changes(
         BlendMode::Displacement => Some(surface_of_offsets(surface)?),
         _ => None,
     };
-    // The net coordinates of most cells are integers, so the parameters of all integers are computed once.
+    // The net coordinates of most cells are integers, so the surface parameters of all integer net coordinates are computed once.
     let [whole_u, whole_v] = [surface.u(), surface.v()]
         .map(|knots| (0..knots.n_control()).map(|k| knots.parameter(k as f64)).collect::<Vec<_>>());
     fn parameters(
@@ -383,7 +384,7 @@ fn changes(
             let after = match (&offsets, mode) {
                 (Some(offsets), _) => {
                     let offset = offsets.point(u, v).coords;
-                    // Adding 0 would change -0 to 0.
+                    // Adding a zero offset would change a coordinate of -0 to 0.
                     if offset == Vector3::zeros() { before } else { before + offset }
                 }
                 (None, BlendMode::Feather { band }) => {
@@ -397,8 +398,8 @@ fn changes(
         .collect())
 }
 
-/// Returns the surface of displacements: its control points are the net's offsets `points - base`; weights and knots are those of
-/// `surface`.
+/// Returns a surface whose points are displacements. Its control points are the offsets `points - base` of the net of `surface`; its
+/// weights and knots are those of `surface`.
 fn surface_of_offsets(surface: &Surface) -> Result<Surface, Error> {
     let net = surface.net();
     let offsets: Vec<Point3<f64>> = (net.points().iter().zip(net.base()))

@@ -99,14 +99,14 @@ impl Node for ControlNet {
     }
 }
 
-/// The error if `rows` or `columns` is given for a method that does not use them.
+/// The error message if `rows` or `columns` is given for a method that uses neither.
 const FIXED_SIZE: &str = "`rows` and `columns` are for the methods `Rows`, `Polar` and `Harmonic`";
 
-/// The error of a net that has only one row or column.
+/// The error message for a net that would have only one row or column.
 const ONE_LINE: &str = "a net has at least 2 rows and 2 columns";
 
-/// Makes the control net of a region of `range`, with a net coordinate for each of the region's cells. Methods other than `Auto` and
-/// [`NetMethod::Grid`] use `rows` and `columns`, where 0 means automatic.
+/// Makes the control net of a region of `range`, with a net coordinate (position in the net) for each of the region's cells. Methods other
+/// than `Auto` and [`NetMethod::Grid`] use `rows` and `columns`, where 0 means automatic.
 ///
 /// # Errors
 /// Returns an error if the region belongs to another grid or has only one cell, its shape is unsuitable for the method, or a size is given
@@ -239,7 +239,6 @@ pub(super) mod tests {
         control_net(region, range, NetMethod::Auto, 0, 0, &Progress::silent()).unwrap()
     }
 
-    // Tests the method `Grid`.
     #[test]
     fn a_rectangle_is_its_own_net_with_padding() {
         let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);
@@ -265,7 +264,7 @@ pub(super) mod tests {
         let net = net(&region(&range, |x, y| x < 4 && y < 3), &range);
         assert_eq!((net.rows(), net.columns()), (5, 6));
         assert_eq!(net.chart().unwrap().coordinates[0], [0.0, 0.0]);
-        // Cells on the grid's border have no neighbor beyond it and stay fixed.
+        // The points of cells on the border of the range grid are fixed, since these cells lack a neighbor.
         let free: Vec<usize> = (0..30).filter(|&at| net.fixed_points()[at] == 0).collect();
         assert_eq!(free, [7, 8]);
     }

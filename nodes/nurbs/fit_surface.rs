@@ -133,7 +133,7 @@ mod tests {
     const ALL_PARAMETERS: [FitParameters; 3] =
         [FitParameters::Uniform, FitParameters::Chord, FitParameters::Centripetal];
 
-    /// Returns a net of unevenly spaced waves.
+    /// Returns a net of unevenly spaced points on a wavy surface.
     fn waves(rows: usize, columns: usize) -> value::ControlNet {
         value::ControlNet::new(
             rows,

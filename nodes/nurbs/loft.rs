@@ -36,7 +36,7 @@ pub struct Loft {
     pub columns: usize,
 }
 
-/// The error of a loft without sections.
+/// The error message for a loft without sections.
 const NO_SECTIONS: &str = "there are no sections: both `curves` and `sections` are empty";
 
 fn empty_section(section: usize) -> Error {
@@ -62,8 +62,7 @@ impl Node for Loft {
                 "link curves, as `curves: [\"curve\"]`, or write `sections: [[(0, 0, 0), ..], ..]`";
             return Err(FieldError::new("", NO_SECTIONS, help));
         }
-        // A net of one row has no surface. A single link may yield several curves if its data has parts, so nodes with links are not
-        // checked here.
+        // A net of one row has no surface. Nodes with links are not checked here, because a single link may yield several curves.
         if count == 1 && self.curves.is_empty() {
             let message = "expected at least 2 sections, found 1";
             return Err(FieldError::new("", message, "link or write another one, or an `end`"));
@@ -103,7 +102,7 @@ impl Node for Loft {
 pub struct Section {
     /// The polyline that is divided into points, from end to end.
     points: Vec<Point3<f64>>,
-    /// The B-spline of the section, if it is one.
+    /// The curve of the section if the curve is a B-spline; `None` for a polyline.
     spline: Option<Curve>,
 }
 

@@ -34,7 +34,8 @@ impl Node for Nurbs {
     }
 }
 
-/// Makes the surface of a net with the given knots. Without knots they are uniform, of the given order or else of order 3.
+/// Makes the surface of a net with the given knots. If the knots of a direction are `None`, they are uniform: of the given order, or of
+/// order 3 if `order` is `None`.
 ///
 /// # Errors
 /// Returns an error if the knots and the order differ, the knots are for another number of control points, the net is too small, or the

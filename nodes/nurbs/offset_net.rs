@@ -97,7 +97,7 @@ pub fn offset_net(
     let factors = profile.factors(net, &free, offset.norm(), picture, progress)?;
     let moved = (net.points().iter().zip(factors).zip(free)).map(|((point, factor), free)| {
         let offset = offset * factor;
-        // Adding 0 would change -0 to 0.
+        // Adding a zero offset would change a coordinate of -0 to 0.
         if free == 0 || offset == Vector3::zeros() { *point } else { point + offset }
     });
     Ok(net.clone().with_points(moved.collect::<Vec<_>>())?)
@@ -139,8 +139,8 @@ fn sum_of_steps(
     Ok(sum)
 }
 
-/// Two vectors count as parallel if the sine of the angle between them is below this value. The direction of their cross product would be
-/// rounding noise.
+/// Two vectors count as parallel if the sine of the angle between them is below this value. The direction of the cross product of such
+/// vectors would be rounding noise.
 const PARALLEL: f64 = 1e-9;
 
 /// Returns the axis around which a positive angle leans the normal along the first principal axis of the net's base, in the direction in
@@ -158,7 +158,7 @@ fn leaning_axis(net: &value::ControlNet, normal: Unit<Vector3<f64>>) -> Option<U
         return None;
     }
     let eigen = covariance.try_symmetric_eigen(f64::EPSILON, 1000)?;
-    // If several eigenvalues are equal, the first is used.
+    // If several eigenvalues are equally large, the first of them counts as the largest.
     fn larger(a: usize, b: usize, values: &Vector3<f64>) -> usize {
         if values[a] < values[b] { b } else { a }
     }

@@ -26,7 +26,7 @@ pub struct Revolve {
     pub profile: Vec<[f64; 2]>,
 }
 
-/// The error unless exactly one of `curve` and `profile` is given.
+/// The error message unless exactly one of `curve` and `profile` is given.
 const ONE_PROFILE: &str = "a profile is either linked at `curve` or written in `profile`";
 
 impl Node for Revolve {

@@ -27,7 +27,7 @@ pub struct Tessellate {
     pub tolerance: f64,
 }
 
-/// The error if both a number of quads and a tolerance are given.
+/// The error message if both a number of quads and a tolerance are given.
 const BOTH: &str = "`tolerance` chooses the quads itself: leave `u` and `v` out";
 
 impl Node for Tessellate {
@@ -62,7 +62,7 @@ impl Node for Tessellate {
 /// Tessellates a surface, either with the given number of quads along u and v (0 for automatic), or with a tolerance in mm that is not 0.
 ///
 /// # Errors
-/// Returns an error if both are given, or the mesh would be too large or not finite.
+/// Returns an error if both a number of quads and a tolerance are given, or the mesh would be too large or not finite.
 pub fn tessellate(surface: &Surface, [u, v]: [usize; 2], tolerance: f64) -> Result<Mesh, Error> {
     match (tolerance == 0.0, [u, v]) {
         (true, _) => {

@@ -120,7 +120,8 @@ mod tests {
         let heavy = weights_inside(&net, &part, 3.0).unwrap();
         for (at, weight) in heavy.weights().iter().enumerate() {
             let (row, column) = (at / net.columns(), at % net.columns());
-            // Net points in the padding have no cells; they keep their weights, even where the region reaches into the padding.
+            // Net points in the padding belong to no cell of the region, so they keep their weights, even if `region` reaches into the
+            // padding.
             let inside = (2..4).contains(&row) && (2..5).contains(&column);
             assert_eq!(*weight, if inside { 3.0 } else { 1.0 }, "({row}, {column})");
         }

@@ -67,7 +67,7 @@ pub fn average_normal(
 ) -> Result<Direction, Error> {
     check_size(region, range)?;
     let (width, height, points) = grid_of(region);
-    // The minimum length of a triangle's cross product `t`, which is twice its area. Shorter ones result from rounding errors only.
+    // The minimum length of a triangle's cross product `t`, which is twice its area. A shorter product results from rounding errors only.
     let min_length = 1e-18 * square(size_of(region.points()));
     let (mut sum, mut total) = (Vector3::zeros(), 0.0);
     for triangle in grid_triangles(width, height, &points, |_| 0, |_, _| true) {
@@ -293,7 +293,7 @@ mod tests {
 
     #[test]
     fn a_large_triangle_counts_more_by_area() {
-        // The grid has two cells of 1 mm that face the sensor, and next to them a slope of 3 mm.
+        // The grid has two triangles of 1 mm that face the sensor, and next to them two triangles on a slope of 3 mm.
         let (region, range) = full_grid(3, 2, |column: f64, row: f64| match column as u32 {
             2 => Point3::new(1.0, row, 103.0),
             _ => Point3::new(column, row, 100.0),

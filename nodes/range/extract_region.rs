@@ -220,7 +220,7 @@ fn label_at(labels: &Labels, column: u32, row: u32) -> Result<u32, Error> {
     bail!("pixel ({column}, {row}) is background: the closest part is label {label} at {nearest:?}")
 }
 
-/// Creates a region from the cells labelled `number` in `pieces`, and computes its missing points.
+/// Creates a region from the cells labelled `number` in `pieces`, and computes points for its cells without one.
 fn finish(
     pieces: &Labels,
     number: u32,

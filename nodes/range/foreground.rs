@@ -1,4 +1,4 @@
-//! Separates the object from the background of a picture or range image.
+//! Separates the scanned object from the background of a picture or range image.
 
 use maquette_image::{Channel, Connectivity, Select, close, label, level, threshold};
 use maquette_node::{Context, Error, FieldError, In, Node, bail};
@@ -96,7 +96,7 @@ fn missing(by: &str, port: &str) -> Error {
 /// Marks the pixels of the picture that show the object. Gaps are closed with a square of radius `close_radius`. Then, with `fill`, areas
 /// that the object surrounds are added: background pixels from which no path along sides leads to the border of the picture.
 ///
-/// With [`ForegroundBy::Valid`] both steps use the cells of the range grid; then a pixel is marked if the closest cell is.
+/// With [`ForegroundBy::Valid`] both steps use the cells of the range grid; then a pixel is marked if the closest cell is marked.
 ///
 /// Returns an error if the port that `by` requires is missing, or if both ports are linked and `range` is registered to a picture of
 /// another size.
@@ -244,8 +244,8 @@ mod tests {
             foreground(Some(&range), None, &ForegroundBy::Valid, false, 0).unwrap().draw()
         }
         assert_eq!(lift_example(2.0, 0.5, [4, 4]), "##..\n##..\n..##\n..##\n");
-        // The last pixel is on the edge of the last cell. The pixel at the center is equally close to both cells and takes the value of the
-        // second.
+        // The last pixel is on the edge of the last cell. The pixel at the center is equally close to two cells and takes the value of the
+        // second cell.
         assert_eq!(lift_example(2.0, 0.0, [4, 4]), "#...\n.###\n.###\n.###\n");
         // No cell covers the pixels at the border of the picture.
         assert_eq!(lift_example(2.0, 1.5, [6, 4]), "......\n.##...\n.##...\n...##.\n");

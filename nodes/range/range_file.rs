@@ -99,7 +99,7 @@ impl CameraSource<'_> {
         self.range.sibling("camera.json")
     }
 
-    /// Returns the files that the node reads only if they exist.
+    /// Returns the optional files of the node: those that it reads only if they exist.
     pub(super) fn files(&self) -> Vec<FilePath> {
         if self.camera.is_empty() { vec![self.default_camera()] } else { Vec::new() }
     }
@@ -113,7 +113,7 @@ impl CameraSource<'_> {
         let camera = file.map(|file| file.read(read_camera)).transpose()?;
         camera.iter().flat_map(|camera| &camera.notes).for_each(|note| cx.warn(note.clone()));
         let units = camera.as_ref().and_then(|camera| camera.units.as_deref());
-        // No warning for a PTX file, which has its own unit.
+        // Do not warn for a PTX file, whose format defines the unit.
         if let Some(units) = units.filter(|units| *units != self.unit.name())
             && cx.file(self.range)?.extension() != "ptx"
         {

@@ -112,7 +112,7 @@ pub fn triangulate(
             && (joins.is_on_surface(corners)
                 || forced(triangle.quad as usize) & triangle.half.bit() != 0)
     });
-    // Reverse all triangles if the columns of the grid run to the left or its rows run up.
+    // Reverse all triangles if the grid is mirrored: its columns run to the left or its rows run up.
     let away = triangles
         .par_iter()
         .with_min_len(BLOCK)
@@ -176,9 +176,10 @@ const BLOCK: usize = 8192;
 
 /// The fans of connected triangles around each cell: a cell becomes one vertex per fan.
 struct Fans {
-    /// For each cell, a bit for each of its eight wedges (sectors) that is filled by a triangle; see [`GridTriangle::wedges`].
+    /// For each cell eight bits: a bit is set if the corresponding wedge (sector) around the cell is filled by a triangle; see
+    /// [`GridTriangle::wedges`].
     wedges: Vec<u8>,
-    /// For each cell, the index of its first vertex.
+    /// For each cell, the index of the first vertex that is made from the cell.
     first: Vec<u32>,
 }
 

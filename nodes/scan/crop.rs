@@ -73,7 +73,7 @@ mod tests {
 
     use super::*;
 
-    /// Creates a square of two triangles, one corner of which is raised by `bent`. If `back` is true, the triangles face opposite sides.
+    /// Creates a square of two triangles with one corner raised by `bent` mm. If `back` is true, the two triangles face opposite sides.
     fn square(bent: f64, back: bool) -> Mesh {
         let positions =
             [[0., 0., 0.], [1., 0., 0.], [1., 1., bent], [0., 1., 0.]].map(Point3::from);

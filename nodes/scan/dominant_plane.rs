@@ -96,9 +96,9 @@ pub struct PlaneInScan {
 
 /// The number of candidate planes that are tried.
 const PLANE_CANDIDATES: usize = 2000;
-/// The maximum number of points that are used to score candidates.
+/// The maximum number of points whose distances are used to score a candidate plane.
 const SCORING_POINTS: usize = 4000;
-/// The minimum number of sample points that represent a mesh.
+/// The minimum number of sample points into which a mesh with faces is converted.
 const MIN_MESH_SAMPLES: usize = 20_000;
 
 /// Finds the plane of rank `rank` in a scan. A point belongs to the plane if it is at most `distance` mm away from it.
@@ -136,10 +136,10 @@ pub fn dominant_plane(scan: &Scan, distance: f64, rank: u32) -> Result<PlaneInSc
     Ok(PlaneInScan { plane, fraction: share, hull: Hull::new(hull) })
 }
 
-/// Returns the points of a scan. For a mesh with faces, returns sample points that are distributed evenly over its area.
+/// Returns the points of a scan. For a mesh with faces, returns sample points that are distributed evenly over the area of the mesh.
 fn sample_points(scan: &Scan) -> Vec<Point3<f64>> {
     let Scan::Mesh(mesh) = scan else { return valid_positions(scan) };
-    // The triangles, each with the cumulative area up to it.
+    // The triangles, each with the sum of its area and the areas of all previous triangles.
     let mut total = 0.0;
     let triangles = mesh.faces().iter().flat_map(|face| {
         (2..face.len())
@@ -181,7 +181,7 @@ fn is_on(plane: &Plane, position: &Point3<f64>, distance: f64) -> bool {
     plane.height(position).abs() <= distance
 }
 
-/// Returns the coordinates of a point in the axes of the plane.
+/// Returns the two coordinates of a point along the axes of the plane, [`Plane::axes`].
 fn coordinates_on_plane(plane: &Plane, position: &Point3<f64>) -> [f64; 2] {
     plane.axes().map(|axis| axis.dot(&position.coords))
 }
@@ -199,7 +199,7 @@ fn is_upside_down(plane: &Plane, scan: &Scan, points: &[Point3<f64>], distance: 
     above < below
 }
 
-/// Finds the plane with the most points.
+/// Finds the plane with the most of the given points at most `distance` mm away. Returns `None` if no three points determine a plane.
 fn find_plane(points: &[Point3<f64>], distance: f64) -> Option<Plane> {
     let step = points.len().div_ceil(SCORING_POINTS).max(1);
     let judges: Vec<_> = points.iter().step_by(step).collect();
@@ -222,7 +222,7 @@ fn find_plane(points: &[Point3<f64>], distance: f64) -> Option<Plane> {
         ))
     });
     let (_, mut plane) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    // The fit is repeated, because each fit changes the set of points near the plane.
+    // Repeat the fit, because each fit changes the set of points near the plane.
     for _ in 0..5 {
         let near = points.iter().filter(|point| is_on(&plane, point, distance)).copied();
         plane = Plane::fit(&near.collect::<Vec<_>>())?;
@@ -238,8 +238,8 @@ struct Part {
 }
 
 impl Part {
-    /// Finds the largest connected part. The side of a grid square is a hundredth of the extent of all points, but at least four times
-    /// `distance`.
+    /// Finds the largest connected part of a plane, given the coordinates of its points in the plane. The side of a grid square is a
+    /// hundredth of the extent of all points, but at least four times `distance`.
     fn largest(points: &[[f64; 2]], distance: f64) -> Self {
         fn ends(axis: usize, points: &[[f64; 2]]) -> (f64, f64) {
             let along = points.iter().map(|point| point[axis]);
@@ -272,13 +272,13 @@ impl Part {
         [0, 1].map(|axis| ((at[axis] - self.corner[axis]) / self.side).floor() as i64)
     }
 
-    /// Returns true if the grid square of a point, or one of its neighbors, belongs to the part.
+    /// Returns true if the grid square that contains a point, or one of the eight squares around it, belongs to the part.
     fn contains(&self, at: &[f64; 2]) -> bool {
         square_and_neighbors(self.square(at)).any(|square| self.squares.contains(&square))
     }
 }
 
-/// Returns a grid square and its eight neighbors.
+/// Returns the indices of a grid square and of its eight neighbors.
 fn square_and_neighbors([x, y]: [i64; 2]) -> impl Iterator<Item = [i64; 2]> {
     (0..9).map(move |k| [x + k % 3 - 1, y + k / 3 - 1])
 }
@@ -407,7 +407,7 @@ mod tests {
         let found = dominant_plane(&scan, 1.0, 1).unwrap();
         assert!(found.plane.offset.abs() < 1e-6 && found.plane.normal.z > 0.99);
         assert!(found.fraction > 0.98, "{}", found.fraction);
-        // The small sheet is near a corner of the table; all of its 51 x 51 vertices count as above the table.
+        // The small sheet is above a corner of the table, so all of its 51 x 51 vertices count as above the table.
         let above = found.is_above_each(&scan, 1.0, 100.0, 0.0);
         assert_eq!(above.iter().filter(|above| **above).count(), 51 * 51);
         let board = found.to_rectangle(&scan);

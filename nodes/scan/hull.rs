@@ -21,7 +21,7 @@ impl Hull {
                 }
                 chain.push(point);
             }
-            // The last corner of this chain is the first corner of the other chain.
+            // Remove the last corner of this chain, which is also the first corner of the other chain.
             chain.pop();
             chain
         }
@@ -40,7 +40,7 @@ impl Hull {
             })
     }
 
-    /// Returns the corners of the bounding rectangle, counter-clockwise. For an empty hull all four are the origin.
+    /// Returns the corners of the bounding rectangle, counter-clockwise. For an empty hull all four corners are the origin.
     pub(super) fn rectangle(&self) -> [[f64; 2]; 4] {
         let [(left, right), (bottom, top)] = [0, 1].map(|axis| {
             let along = self.corners.iter().map(|corner| corner[axis]);

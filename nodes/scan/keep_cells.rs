@@ -73,7 +73,7 @@ pub fn keep_cells(
     }
 }
 
-/// Returns for each cell true if the mask selects it.
+/// Returns for each cell true if `mask`, which has the size of the picture or of the grid, selects the cell.
 fn cells_in_mask(range: &RangeImage, mask: &Mask) -> Result<Vec<bool>, Error> {
     let (width, height) = (range.width(), range.height());
     let (size, map) = ([mask.width(), mask.height()], range.registration());

@@ -97,7 +97,7 @@ impl Node for Pieces {
 /// A connected piece of a scan.
 struct Piece {
     size: f64,
-    /// The distance of the piece from the point of [`Keep::Nearest`], in mm.
+    /// The distance of the piece from the point given by [`Keep::Nearest`], in mm.
     distance: f64,
 }
 
@@ -136,7 +136,7 @@ pub fn pieces(scan: &Scan, keep: &Keep, gap: f64) -> Result<Scan, Error> {
             *distance = distance.min((position - to).norm());
         }
     }
-    // A vertex without faces, or a cell without a point, is not a piece.
+    // Leave out pieces of size 0: vertices without faces, and cells without a point.
     let mut order: Vec<_> = (0..all.len()).filter(|&piece| all[piece].size > 0.0).collect();
     order.sort_by(|&a, &b| all[b].size.total_cmp(&all[a].size));
     match *keep {
@@ -174,7 +174,7 @@ fn connect_cells(range: &RangeImage, gap: f64, sets: &mut UnionFind) {
         let right = (cell % width + 1 < width).then_some(cell + 1);
         let below = Some(cell + width).filter(|&below| below < points.len());
         for other in right.into_iter().chain(below) {
-            // The distance to a cell without a point is NaN, for which the comparison is false.
+            // If a cell has no point, the distance is NaN, and the comparison is false.
             if (points[cell] - points[other]).norm() <= gap {
                 sets.union(cell as u32, other as u32);
             }
@@ -193,7 +193,7 @@ fn connect_points(points: &[Point3<f64>], gap: f64, sets: &mut UnionFind) {
         let cube = [0, 1, 2].map(|axis| (point[axis] / side).floor() as i64);
         cubes.entry(cube).or_default().push(number);
     }
-    // Only half of the neighboring cubes are visited from this cube; this cube is visited from the other half.
+    // Visit only half of the neighboring cubes from this cube; the pairs with the other half are visited from those cubes.
     let around = (0..125).map(|k| [k / 25 - 2, k / 5 % 5 - 2, k % 5 - 2]);
     let around: Vec<_> = around.filter(|step| *step > [0, 0, 0]).collect();
     for (cube, here) in &cubes {
@@ -217,7 +217,7 @@ fn connect_points(points: &[Point3<f64>], gap: f64, sets: &mut UnionFind) {
     }
 }
 
-/// Connects the corners of each face.
+/// Puts all corners of each face into one set.
 fn connect_corners(mesh: &Mesh, sets: &mut UnionFind) {
     for face in mesh.faces().iter() {
         face[1..].iter().for_each(|&vertex| sets.union(face[0], vertex));

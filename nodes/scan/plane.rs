@@ -4,7 +4,8 @@ use maquette_node::{Error, bail};
 use maquette_value::Mesh;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Unit, Vector3};
 
-/// The maximum deviation of a flat mesh from its plane, as a fraction of the mesh's size. Both are root mean square distances.
+/// The maximum deviation of a flat mesh from its plane, as a fraction of the mesh's size. The deviation is the root mean square distance of
+/// the corners from the plane, the size that from the centroid.
 const MAX_RELATIVE_DEVIATION: f64 = 0.1;
 
 /// A plane with an upper and a lower side.
@@ -29,7 +30,7 @@ impl Plane {
         self.normal.dot(&point.coords) - self.offset
     }
 
-    /// Returns the plane with its sides exchanged.
+    /// Returns the same plane with its upper and lower side exchanged.
     #[must_use]
     pub fn flip(&self) -> Self {
         Self { normal: -self.normal, offset: -self.offset }

@@ -76,7 +76,7 @@ impl Scan {
         }
     }
 
-    /// Returns the warning of a node whose result is empty. It states the bounding box of the input.
+    /// Returns the warning that a node gives if it removes everything from this scan. The warning states the scan's bounding box.
     pub(super) fn empty_result_warning(&self) -> String {
         let ranges = [0, 1, 2]
             .map(|axis: usize| {
@@ -94,7 +94,7 @@ impl Scan {
         format!("the result is empty: the bounding box of the input is {ranges} mm")
     }
 
-    /// The number of cells that have a point, of points, or of faces.
+    /// The size of the scan: the number of cells with a point, the number of points, or the number of faces.
     pub fn count(&self) -> usize {
         match self {
             Self::RangeImage(range) => range.n_valid(),

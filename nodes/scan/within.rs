@@ -130,7 +130,8 @@ impl Region {
     }
 }
 
-/// Returns the part of a scan that is inside `within` and marked in `also`; with `invert` returns the rest.
+/// Returns the part of a scan that is inside `within` and marked in `also`; either condition is ignored if it is `None`. With `invert`,
+/// returns the rest of the scan.
 pub(super) fn select_parts(
     scan: &Scan,
     within: Option<&Region>,

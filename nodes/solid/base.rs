@@ -12,7 +12,7 @@ use crate::polygons::{loops, project_to_plane, triangulate};
 pub(crate) enum Ground {
     /// Central projection from a sensor at the origin, onto the plane at the given z coordinate in mm.
     Seen(f64),
-    /// Parallel projection along a unit direction, onto the plane perpendicular to it at the given height in mm.
+    /// Parallel projection along the given unit direction, onto the plane perpendicular to this direction at the given height in mm.
     Below(Vector3<f64>, f64),
 }
 
@@ -87,7 +87,7 @@ fn shadow(mesh: &Mesh, face: &[u32], ground: &Ground) -> f64 {
 pub(crate) fn visible_part(mesh: &Mesh, ground: &Ground) -> Mesh {
     let faces = mesh.faces();
     let mut is_seen: Vec<_> = faces.iter().map(|face| shadow(mesh, face, ground) > 0.0).collect();
-    // If all faces look away from the sensor, the mesh is inside out; the caller reports that.
+    // If all faces look away from the sensor, keep them all: the mesh is inside out, which the caller reports as an error.
     if !is_seen.contains(&false) || !is_seen.contains(&true) {
         return mesh.clone();
     }
@@ -96,7 +96,8 @@ pub(crate) fn visible_part(mesh: &Mesh, ground: &Ground) -> Mesh {
         let kept = Vec::from_iter(kept);
         let left = mesh.select(&kept);
         let edges = left.edges();
-        // The number of border edges that leave each vertex. It is at most one, unless faces touch only in this vertex.
+        // The number of border edges that leave each vertex. The number is at most one, unless some faces at the vertex touch each other
+        // only in this vertex.
         let mut borders = vec![0u32; left.positions().len()];
         for (&edge, &vertex) in edges.of_corner.iter().zip(left.faces().corners().iter()) {
             borders[vertex as usize] += u32::from(edges.faces[edge as usize] == 1);
@@ -135,8 +136,8 @@ pub(crate) fn with_base(mesh: &Mesh, ground: &Ground) -> Result<Mesh, Error> {
     fn vertex(corner: u32, faces: &maquette_value::Faces) -> u32 {
         faces.corners()[corner as usize]
     }
-    // For each border vertex, its projection onto the base: the new vertex, its position, and the corner and face whose attributes the base
-    // copies.
+    // For each border vertex, its projection onto the base: the index and the position of the new vertex, and the corner and the face whose
+    // attributes the base copies. `None` for all other vertices.
     let mut feet = vec![None; mesh.positions().len()];
     for &(face, [corner, _]) in &border {
         let at = vertex(corner, faces);

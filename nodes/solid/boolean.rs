@@ -75,7 +75,7 @@ impl Node for Boolean {
     }
 }
 
-/// Returns a warning about attributes of the solids that the result cannot keep.
+/// Returns a warning if the result cannot keep some attributes of the solids; `None` if it can keep all.
 fn doubt(solids: &[&Mesh]) -> Option<&'static str> {
     // If a solid has materials from a file, the result keeps the materials of all solids.
     if solids.iter().any(|solid| !solid.materials().iter().all(Material::is_plain)) {

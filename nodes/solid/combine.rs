@@ -27,7 +27,7 @@ mod weld;
 /// an infinitesimal amount, or shrinks for an intersection. So no vertex is exactly on the surface of the other solid, and the surfaces
 /// intersect in closed lines. The kept part of a cut triangle is triangulated with all of its corners and intersection points, so adjacent
 /// triangles match without stitching. Only the positions of intersection points are rounded: faces beside the cut may be thin, or overlap
-/// by about 1e-9 of the size. The cost is O(n log n), and for a cut face quadratic in the number of its pieces.
+/// by about 1e-9 of the size. The cost is O(n log n), plus, for each cut face, a term quadratic in the number of its pieces.
 ///
 /// # Errors
 /// Returns an error if a mesh is not a solid, the result is too large, or the evaluation is cancelled.
@@ -116,7 +116,7 @@ fn of_two(
         Ok(cut.mesh()?)
     };
     // The second solid grows or shrinks by an infinitesimal amount. This decides the result where faces of both solids are coplanar. A
-    // solid that touches itself may intersect itself after that; the second attempt then uses the opposite sign.
+    // solid that touches itself may intersect itself after this growth; then a second attempt exchanges growing and shrinking.
     let grows = how != Operation::Intersection;
     match progress.part(0.0..0.9, |progress| made(grows, progress)) {
         Err(error) if has_no_inside(&error) => {

@@ -4,8 +4,8 @@ use std::collections::HashMap;
 
 use nalgebra::Point3;
 
-/// The six tetrahedra of a cell. The edges of a tetrahedron lead from the cell's lowest corner to its highest, along the axes in the given
-/// order. The flag is true if the edges from the lowest corner span a positive volume.
+/// The six tetrahedra of a cell. A path along three edges of each tetrahedron leads from the cell's lowest corner to its highest, along the
+/// axes in the given order. The flag is true if the edges from the lowest corner span a positive volume.
 const ORDERS: [([usize; 3], bool); 6] = [
     ([0, 1, 2], true),
     ([1, 2, 0], true),
@@ -20,12 +20,12 @@ const ORDERS: [([usize; 3], bool); 6] = [
 /// Each cell is divided into six tetrahedra (Doi and Koide, "An efficient method of triangulating equi-valued surfaces by using tetrahedral
 /// cells", 1991). The surface is therefore a manifold, and closed if no cell that it crosses is left out.
 pub(crate) struct Contour {
-    /// Minimum distance of a vertex from a grid node, as a fraction of a grid edge; it prevents degenerate triangles.
+    /// Minimum distance of a vertex from a grid node, as a fraction of a grid edge. This minimum prevents degenerate triangles.
     nearest: f64,
     pub(crate) points: Vec<Point3<f64>>,
     /// For each vertex, the end of positive depth of the grid edge on which the vertex is, and the depth of that end.
     pub(crate) deep_ends: Vec<(Point3<f64>, f64)>,
-    /// The triangles; they look toward the side of positive depth.
+    /// The triangles of the extracted surface. Their normals point to the side of positive depth.
     pub(crate) triangles: Vec<[u32; 3]>,
     numbers: HashMap<[[usize; 3]; 2], u32>,
 }
@@ -73,7 +73,8 @@ impl Contour {
             };
             let (inner, outer): (Vec<usize>, Vec<usize>) =
                 (0..4).partition(|k| 0.0 < depths[corners[*k]]);
-            // Returns true if the corners have positive orientation, from the parity of the permutation that sorts them.
+            // Returns true if the tetrahedron's corners, in the given order, have positive orientation. This follows from the parity of the
+            // permutation that sorts the corners.
             fn keeps(order: [usize; 4], is_positive: bool) -> bool {
                 let swaps = (0..4).flat_map(|b| (0..b).map(move |a| [a, b]));
                 let swaps = swaps.filter(|&[a, b]| order[b] < order[a]).count();

@@ -35,8 +35,8 @@ impl<'a> ExtendedMesh<'a> {
         self.positions.len() as u32 - 1
     }
 
-    /// Adds a face that copies the attributes of the face `like`. Each corner is given as a pair: its vertex, and an existing corner whose
-    /// attributes it copies.
+    /// Adds a face that copies the attributes of the face `like`. Each corner is given as a pair: its vertex, and the existing corner whose
+    /// attributes are copied.
     pub(crate) fn add_face(&mut self, corners: impl IntoIterator<Item = [u32; 2]>, like: u32) {
         let before = self.corners.len();
         for [vertex, like] in corners {

@@ -65,7 +65,7 @@ fn default_thickness() -> f64 {
     2.0
 }
 
-/// Returns the error for a `spacing` above `most`, half of the thickness, or below 0.
+/// Returns the error for a `spacing` that is negative or greater than `most`, which is half of the thickness.
 fn spacing_error(spacing: f64, most: f64) -> Error {
     Error::new(format!(
         "`spacing` is {spacing}, but must be at least 0, and at most {most}, half of `thickness`"
@@ -125,7 +125,7 @@ impl Node for Hollow {
 }
 
 /// Returns a solid with a cavity `thickness` mm inside its surface. Distances are computed on a grid with cells of the edge length
-/// `spacing` (half of the thickness if 0).
+/// `spacing` (if 0: half of the thickness).
 ///
 /// Distances are measured at grid nodes, except where a coarse test shows that they are larger than needed. Away from the surface, the
 /// nodes of a connected component are all inside or all outside, so one winding number decides for each component (Jacobson, Kavan and
@@ -194,7 +194,7 @@ pub fn hollow(
         return Ok(hollow);
     }
     let inner = TriangleTree::new(&cavity);
-    // An outlet that is listed twice is drilled once.
+    // Drill an outlet only once if it is listed twice.
     let new = outlets.iter().enumerate().filter(|(k, outlet)| !outlets[..*k].contains(outlet));
     let drills: Vec<Mesh> = new
         .map(|(_, outlet)| {
@@ -242,7 +242,7 @@ fn drill(
     let axis = (end - start).try_normalize(0.0).unwrap_or(Vector3::z());
     let across = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
     let other = axis.cross(&across);
-    // The prism extends beyond both surfaces by its diameter, so that it passes completely through curved surfaces.
+    // The prism extends beyond both surfaces by the diameter of the hole, so that it passes completely through curved surfaces.
     let ends = [start - axis * outlet.diameter, end + axis * outlet.diameter];
     let radius = outlet.diameter / 2.0;
     fn corner(k: u32, across: Vector3<f64>, other: Vector3<f64>, radius: f64) -> Vector3<f64> {

@@ -1,7 +1,7 @@
 //! Computes the surface of the volume within a given radius of a set of triangles.
 //!
-//! The surface is extracted from the tetrahedra of a grid, with its vertices on grid edges; such a surface never intersects itself. Then the
-//! vertices are moved to the exact radius. If this makes faces intersect, their vertices are moved back to their grid edges.
+//! The surface is extracted from the tetrahedra of a grid, with its vertices on grid edges; such a surface never intersects itself. Then
+//! the vertices are moved to the exact radius. If this makes faces intersect, their vertices are moved back to their grid edges.
 
 use maquette_node::{Error, Limit, LimitError, Progress};
 use maquette_value::parallel::*;
@@ -10,7 +10,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::contour::Contour;
 
-/// Number of cells along an edge of a block. Blocks far from all triangles are left out.
+/// Number of cells along an edge of a block. The grid consists of blocks; those far from all triangles are left out.
 const BLOCK: usize = 4;
 
 /// Number of nodes along an edge of a block; neighboring blocks share the nodes between them.
@@ -19,14 +19,14 @@ const SIDE: usize = BLOCK + 1;
 /// Number of blocks that are measured between two checks for cancellation.
 const CHUNK: usize = 64;
 
-/// Maximum number of blocks; measuring so many takes half a minute.
+/// Maximum number of blocks of grid cells; measuring the distances in this many blocks takes half a minute.
 const BLOCKS: Limit = Limit {
     max: 800_000,
     items: "blocks of a grid",
     help: "choose a larger `thickness`, or a smaller part of the mesh",
 };
 
-/// Minimum distance of a vertex from a grid node, as a fraction of a grid edge, in the extracted surface. Without a minimum, triangles
+/// Minimum distance of a vertex from a grid node, as a fraction of a grid edge, in the extracted surface. Without this minimum, triangles
 /// degenerate and their normals are arbitrary.
 const NEAREST: f64 = 0.25;
 
@@ -48,8 +48,8 @@ impl Floor {
 }
 
 /// Returns the surface of the volume that is within `radius` mm of a triangle of the mesh and above the floor. The surface is closed,
-/// manifold and without self-intersections, for any triangles. The radius is divided into `cells` grid cells. As the faces are flat, the
-/// radius is exact to about 2 % with 3 cells, and to 4 % with 2 cells.
+/// manifold and without self-intersections, for any triangles. The grid has `cells` cells per radius. As the faces are flat, the radius is
+/// exact to about 2 % with 3 cells, and to 4 % with 2 cells.
 pub(crate) fn offset_surface(
     mesh: &Mesh,
     (radius, cells): (f64, f64),
@@ -83,7 +83,7 @@ pub(crate) fn offset_surface(
                 blocks.extend((range[0][0]..=range[0][1]).map(|x| [z, y, x]));
             }
         }
-        // Duplicate blocks are removed early if there are many: faces close together produce the same blocks.
+        // Remove duplicate blocks early if the list is long: faces close together produce the same blocks.
         if 4 * BLOCKS.max <= blocks.len() {
             sort_unique(&mut blocks);
             check_blocks(blocks.len() as f64)?;
@@ -142,7 +142,7 @@ pub(crate) fn offset_surface(
             }
         }
     }
-    // Reverse the faces: those of the contour look inward, to the side of positive depth.
+    // Reverse the faces: the faces of the contour look inward, to the side of positive depth.
     let triangles = contour.triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect();
     let mut skin = Mesh::new(contour.points.clone(), Faces::triangles(triangles))?;
     let nearest = tree.nearest_to_all(&contour.points);

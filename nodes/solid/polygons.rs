@@ -1,12 +1,12 @@
-//! Triangulates plane polygons with holes. All of their sides become sides of triangles, and no vertices are added.
+//! Triangulates plane polygons with holes. All sides of the polygons become sides of triangles, and no vertices are added.
 
 use std::collections::BTreeMap;
 
 pub(crate) use maquette_value::polygon::project_to_plane;
 use maquette_value::polygon::{self, PlanePoint, is_in_triangle, orientation};
 
-/// Connects directed sides, each given by its start and its end, to closed loops of vertices. The loops are ordered by their lowest vertex
-/// index.
+/// Connects directed sides, each given by its start and its end, to closed loops of vertices. The loops are in the order of their lowest
+/// vertex indices.
 pub(crate) fn loops(sides: &[[u32; 2]]) -> Vec<Vec<u32>> {
     let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     sides.iter().for_each(|&[start, end]| next.entry(start).or_default().push(end));
@@ -51,7 +51,7 @@ pub(crate) fn triangulate(
             false => holes.push(corners),
         }
     }
-    // Connect the hole that reaches farthest to the right first: no other hole is then between it and the polygon around it.
+    // Connect the hole that reaches farthest to the right first: no other hole can be between this hole and the polygon around it.
     fn reach(hole: &[(u32, PlanePoint)]) -> f64 {
         hole.iter().fold(f64::NEG_INFINITY, |x, it| x.max(it.1[0]))
     }
@@ -71,8 +71,8 @@ pub(crate) fn triangulate(
 }
 
 /// Finds a bridge between a hole and an outer polygon. Returns the polygon, one of its corners, and a corner of the hole, such that nothing
-/// is between the two corners: Eberly, "Triangulation by ear clipping" (2002), section 3. If rounding leaves no such pair, takes the
-/// nearest corner of any polygon.
+/// is between the two corners: Eberly, "Triangulation by ear clipping" (2002), section 3. If because of rounding there is no such pair,
+/// takes the nearest corner of any polygon.
 fn bridge(
     outer: &[Vec<(u32, PlanePoint)>],
     hole: &[(u32, PlanePoint)],
@@ -109,7 +109,7 @@ fn bridge(
     let farther = if corners[side].1[0] > corners[end].1[0] { side } else { end };
     let hit = [x, from[1]];
     let tip = corners[farther].1;
-    // Of the reflex corners inside of the triangle, take the one with the smallest angle to the ray.
+    // Among the reflex corners inside of the triangle, find the one in the direction with the smallest angle to the ray.
     let triangle =
         if orientation([from, hit, tip]) > 0.0 { [from, hit, tip] } else { [from, tip, hit] };
     fn slope(k: usize, from: [f64; 2], corners: &[(u32, [f64; 2])]) -> f64 {

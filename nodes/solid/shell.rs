@@ -64,7 +64,7 @@ pub enum Side {
     Middle,
 }
 
-/// A reason why a closed surface does not bound a body.
+/// A reason why a surface that was closed by lids and walls does not bound a body.
 #[derive(Debug, thiserror::Error)]
 enum BodyError {
     #[error("the faces that close the surface intersect it: {count} pairs of faces cross, the first one at ({:.3}, {:.3}, {:.3}); use `side: Middle`, which needs no closed surface, or `Reconstruct` if the surface intersects itself there", at.x, at.y, at.z)]
@@ -112,12 +112,12 @@ impl Node for Shell {
     }
 }
 
-/// Factor by which the requested distance is multiplied. Without it, the flat faces of the offset surface would be too close to the surface
-/// where it is curved.
+/// Factor by which the requested distance is multiplied. Without this factor, the flat faces of the offset surface would be too close to
+/// the surface where the surface is curved.
 const DISTANCE_FACTOR: f64 = 1.06;
 
-/// Height of the walls between a border and its lid, as a multiple of the shell's thickness. The walls must be higher than the shell is
-/// thick.
+/// Height of the walls between a border and its lid, as a multiple of the shell's thickness. The height of the walls must be greater than
+/// the thickness of the shell.
 const WALL_FACTOR: f64 = 1.3;
 
 /// Minimum absolute cosine of the angle between the normals of a lid and of the surface at its border, for which walls are added between
@@ -127,8 +127,8 @@ const FLAT: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// Returns the shell of a surface, see [`Shell`], and the number of faces at which the shell is thinner than requested.
 ///
 /// The result is the intersection of two volumes: a body that is made by closing the surface, and the volume within `thickness` of the
-/// surface. The surface of an intersection never intersects itself, so neither does the other side of the shell. It is missing where there
-/// is no room for it. The cost grows with the area of the surface, in squares of the thickness.
+/// surface. The surface of an intersection never intersects itself, so neither does the other side of the shell. Where there is no room,
+/// the other side is missing. The cost grows with the area of the surface, in squares of the thickness.
 ///
 /// # Errors
 /// Returns an error if the thickness is invalid, the surface cannot be closed, there are too many cells around it, or the evaluation is
@@ -188,8 +188,8 @@ pub fn shell(
     Ok((shell, thin))
 }
 
-/// Returns the body in front of the surface, and false. If the surface encloses nothing in front, returns the body behind the surface, and
-/// true: the shell is then outside of that body.
+/// Returns the closed body in front of the surface, and false. If no volume in front of the surface can be closed, returns the body behind
+/// the surface, and true; the shell is then outside of that body.
 fn body_in_front(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<(Mesh, bool), Error> {
     if !border(mesh).is_empty() {
         match body(&orient(mesh, Outside::Flip)?.mesh, behind, progress) {
@@ -197,7 +197,8 @@ fn body_in_front(mesh: &Mesh, behind: f64, progress: &Progress<'_>) -> Result<(M
             found => return Ok((found?, false)),
         }
     }
-    // Make the body behind the surface without walls at its borders. The shell is outside of this body, so walls would add plugs to it.
+    // Make the body behind the surface without walls at its borders. The shell is outside of this body, so walls would add material to the
+    // shell there.
     Ok((body(mesh, 0.0, progress)?, true))
 }
 
@@ -205,8 +206,8 @@ fn is_touching_or_inside_out(error: &Error) -> bool {
     matches!(error.downcast(), Some(BodyError::InsideOut | BodyError::Touching { .. }))
 }
 
-/// Returns the reason why a mesh does not bound a body, or `None`. A body has no self-intersections, two faces at each edge, and faces that
-/// look outward.
+/// Returns the reason why a mesh does not bound a body; `None` if it does. A body has no self-intersections, two faces at each edge, and
+/// faces that look outward.
 fn body_error(body: &Mesh, progress: &Progress<'_>) -> Result<Option<BodyError>, CancelledError> {
     let found = body.crossings(|| progress.check())?;
     let count = body.edges().faces.iter().filter(|faces| **faces != 2).count();
@@ -299,7 +300,8 @@ fn with_lids(mesh: &Mesh, behind: f64, lids: bool) -> Result<(Mesh, usize), Mesh
     Ok((grown.mesh()?, count))
 }
 
-/// Splits a loop into simple loops at each vertex that it visits twice. Holes that share a vertex have a common loop.
+/// Splits a loop of border vertices into simple loops at each vertex that the loop visits twice. This is needed because holes that share a
+/// vertex have a common loop.
 fn split_loop(rim: &[u32]) -> Vec<Vec<u32>> {
     let (mut loops, mut own) = (Vec::new(), Vec::new());
     let mut places = BTreeMap::new();
@@ -358,7 +360,7 @@ mod tests {
             let plate = check(&plane, 2.0, side, 0.0);
             let bounds = plate.bounds().unwrap();
             assert!((bounds.0.z - low).abs() < 1e-6 && (bounds.1.z - low - 2.12).abs() < 1e-6);
-            // If the walls are upright, the volume is the area times the thickness.
+            // The walls of the plate are upright, so its volume is its area times its thickness.
             assert!((volume(&plate) - 400.0 * 2.12).abs() < 0.5, "{}", volume(&plate));
         }
         let plate = check(&plane, 2.0, Side::Middle, 0.0);
@@ -423,7 +425,7 @@ mod tests {
         let hollow = volume(&outside);
         let most = 12.12 * 14.12 * 16.12 - 1680.0;
         assert!((0.95 * most..most).contains(&hollow), "{hollow} of {most}");
-        // A block without one of its faces gets about the same shell, although no body can be made in front of its surface.
+        // Without one of its faces, the block gets about the same shell, although no body can be made in front of the block's surface.
         let faces = (0..block.faces().len() as u32).filter(|face| *face != 0);
         let open = check(&block.select(&Vec::from_iter(faces)), 1.0, Side::Outside, 0.05);
         assert!((volume(&open) - hollow).abs() < 0.03 * hollow, "{}", volume(&open));

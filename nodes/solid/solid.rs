@@ -115,7 +115,7 @@ impl Node for Solid {
 pub struct SolidMesh {
     /// The solid's surface.
     pub mesh: Mesh,
-    /// The number of removed faces, which the sensor cannot have seen.
+    /// The number of faces that were removed because the sensor cannot have seen them.
     pub unseen: usize,
     /// The number of faces at which the wall is thinner than requested.
     pub thin: usize,
@@ -175,7 +175,7 @@ pub fn solid(
     Ok(SolidMesh { mesh, unseen, thin })
 }
 
-/// Returns the mesh with filled holes and faces that look outward.
+/// Returns the mesh with its holes filled and all faces oriented outward.
 fn close(mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, Error> {
     let filled = fill_holes(mesh, &HoleChoice::All, &FillMethod::ThinPlate, progress)?.mesh;
     let filled = orient(&filled, Outside::Outward)?.mesh;
@@ -244,7 +244,7 @@ mod tests {
         let frame =
             CaptureFrame { camera: None, picture: [2, 2], depth: 20.0, world_from_camera: None };
         let seen = orient(&net(|_, _| 20.0, &[]), Outside::Flip).unwrap().mesh;
-        // Noise has moved one vertex past its neighbors, which makes a fold.
+        // Move one vertex past its neighbors, as noise may do, which makes a fold.
         let mut moved = seen.positions().to_vec();
         moved[40] += Vector3::new(2.5, 0.2, 0.1);
         let folded = seen.with_positions(moved).unwrap().with_frame(Some(frame));
@@ -310,7 +310,7 @@ mod tests {
         assert_eq!(found.thin, 0);
         let edges = found.mesh.edges();
         assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
-        // Half of the 64 mm^2 becomes 1.1 mm thicker, with a rounded border.
+        // Half of the relief's area of 64 mm^2 becomes 1.1 mm thicker, with a rounded border.
         let more = volume(&found.mesh) - volume(&thin);
         assert!((35.0..50.0).contains(&more), "{more}");
         fn lowest(mesh: &Mesh) -> f64 {

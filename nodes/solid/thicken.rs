@@ -13,15 +13,15 @@ use crate::transfer_attributes::transfer_attributes;
 /// Maximum number of rounds. In each round, material is added to the walls that are still too thin.
 const PASSES: usize = 3;
 
-/// Factor by which the added thickness is multiplied. Without it, the flat faces of the added volume would make walls thinner than
-/// requested.
+/// Factor by which the added thickness is multiplied. Without this factor, walls would be thinner than requested, because the added volume
+/// has flat faces instead of curved ones.
 const THICKNESS_FACTOR: f64 = 1.1;
 
-/// Thickens the walls of a solid to at least `thickness` mm, measured straight inward from the center of each face. Returns the solid, and
-/// the number of faces whose walls are still thinner.
+/// Thickens the walls of a solid to at least `thickness` mm, measured straight inward from the center of each face. Returns the thickened
+/// solid, and the number of faces at which walls are still thinner than requested.
 ///
 /// Where a wall is too thin, the volume within half of `thickness` of the wall's middle surface is united with the solid. The wall
-/// therefore grows equally on both sides, and not at all where it is just thick enough. Nothing grows through the floor.
+/// therefore grows equally on both sides; where the wall is just thick enough, it does not grow. Nothing grows through the floor.
 pub(crate) fn thicken(
     solid: &Mesh,
     thickness: f64,
@@ -49,7 +49,7 @@ pub(crate) fn thicken(
     }
 }
 
-/// Returns a warning about the faces at which the wall is thinner than `thickness` mm.
+/// Returns the warning that at `count` faces the wall is still thinner than `thickness` mm.
 pub(crate) fn still_thin(count: usize, thickness: f64) -> String {
     let [faces, them] = if count == 1 { ["face has", "it"] } else { ["faces have", "them"] };
     format!(
@@ -57,7 +57,7 @@ pub(crate) fn still_thin(count: usize, thickness: f64) -> String {
     )
 }
 
-/// Returns the faces at which the wall is thinner than `thickness`, each with its thickness.
+/// Returns the indices of the faces at which the wall is thinner than `thickness` mm, each with the thickness of the wall there.
 pub(crate) fn thin(mesh: &Mesh, tree: &TriangleTree, thickness: f64) -> Vec<(usize, f64)> {
     let behind = mesh.backings(tree).into_iter().enumerate();
     let thin = behind.filter_map(|(face, behind)| match behind {

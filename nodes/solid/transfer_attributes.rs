@@ -10,7 +10,7 @@ pub(crate) fn transfer_attributes(
     tree: &TriangleTree,
     mut to: Mesh,
 ) -> Result<Mesh, MeshError> {
-    // A point whose distance overflows gets the value of the first face.
+    // Used for a point whose distance overflows: such a point gets the values of the first face.
     let far = NearestPoint {
         distance_sq: f64::INFINITY,
         face: 0,
@@ -25,7 +25,7 @@ pub(crate) fn transfer_attributes(
         let found = tree.nearest_to_all(points).into_iter();
         found.map(|place| place.unwrap_or(*far)).collect()
     }
-    // For each vertex, the nearest corner of the nearest triangle.
+    // For each vertex of `to`, the nearest corner of the nearest triangle of `from`.
     let of_vertices: Vec<_> = nearest(to.positions(), &far, tree)
         .iter()
         .map(|place| {
@@ -44,7 +44,7 @@ pub(crate) fn transfer_attributes(
     });
     let faces: Vec<_> =
         nearest(&Vec::from_iter(middles), &far, tree).iter().map(|place| place.face).collect();
-    // Texture coordinates are transferred only together with the texture, without which they are useless.
+    // Transfer texture coordinates only together with the texture; without it they are useless.
     if to.materials().is_empty() && !from.materials().is_empty() {
         to = to.without_attribute("uv").with_materials(from.materials().clone());
     }

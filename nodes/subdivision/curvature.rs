@@ -86,11 +86,12 @@ impl Node for Curvature {
     }
 }
 
-/// Computes the curvature of a mesh, or for [`CurvatureMethod::Limit`] of the subdivision surface with this control mesh.
+/// Computes the curvature of a mesh at each vertex. With [`CurvatureMethod::Limit`] the mesh is taken as a control mesh, and the curvature
+/// is that of its subdivision surface.
 ///
-/// The time is linear in the number of vertices. Sources: for `Mesh` see [`angle_bending()`]; for `Fit` Petitjean, "A survey of methods for
-/// recovering quadrics in triangle meshes" (2002). For `Limit` the derivatives of the surface, which consists of uniform B-splines or box
-/// splines, are computed as differences of control points.
+/// The running time is linear in the number of vertices. Sources: for `Mesh` see [`angle_bending()`]; for `Fit` Petitjean, "A survey of
+/// methods for recovering quadrics in triangle meshes" (2002). For `Limit`, the surface consists of uniform B-splines or box splines; its
+/// derivatives are computed as differences of control points.
 ///
 /// # Errors
 /// If the scheme cannot refine the mesh, or the evaluation is cancelled.

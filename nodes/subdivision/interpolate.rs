@@ -146,8 +146,8 @@ fn fixed_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, Error> {
 /// mesh the Doo-Sabin scheme always uses `Vertex`.
 ///
 /// # Errors
-/// If the scheme cannot refine the mesh, no control mesh has such a surface, the solver does not support the foot and direction, a
-/// nonlinear iteration diverges, or the evaluation is cancelled.
+/// If the scheme cannot refine the mesh, no control mesh has a limit surface through the vertices, the solver does not support the foot and
+/// direction, a nonlinear iteration diverges, or the evaluation is cancelled.
 pub fn interpolate(
     mesh: &Mesh,
     scheme: Scheme,
@@ -158,7 +158,7 @@ pub fn interpolate(
     interpolate_with(mesh, scheme, options, fixed, progress, LimitPositions::new)
 }
 
-/// Performs [`interpolate`]; `limit` computes (or looks up) the limit masks.
+/// Performs [`interpolate`]. `limit` computes the limit masks or looks them up in a cache.
 fn interpolate_with(
     mesh: &Mesh,
     scheme: Scheme,
@@ -244,8 +244,8 @@ fn interpolate_with(
     Ok(InterpolationResult { shape: found.shape.without_attribute("normal"), ..found })
 }
 
-/// Samples the limit surface that `mesh` has with other control points: at the limit points of the control points, and in the middle of
-/// edges and faces. Returns `None` on overflow.
+/// Returns points of the limit surface of `mesh` with its vertices moved to `control`: the limit points of the vertices and the surface
+/// points in the middle of edges and faces. Returns `None` if a coordinate overflows.
 fn sample(
     mesh: &Mesh,
     subdivision: Subdivision,
@@ -270,8 +270,8 @@ fn not_interpolable(limits: &LimitPositions, points: &[Point3<f64>], solution: &
 /// Computes the control mesh, refined once, whose limit surface passes through the vertices of `mesh`, with the smallest change of the
 /// refined mesh.
 ///
-/// The refined mesh has many more control points than there are vertices to interpolate, so that there is a solution even if the mesh
-/// itself has none.
+/// The refined mesh has many more control points than `mesh` has vertices, so a solution exists even if no control mesh with the faces of
+/// `mesh` has one.
 fn refined_once(
     mesh: &Mesh,
     subdivision: Subdivision,

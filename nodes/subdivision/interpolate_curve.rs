@@ -50,8 +50,8 @@ impl Node for InterpolateCurve {
 /// Computes the control points of a curve through the points of a polyline.
 ///
 /// Maekawa, Matsumoto and Namiki, "Interpolation by geometric algorithm", Computer-Aided Design 39 (2007), for B-splines; their iteration
-/// is also used for limit curves of subdivisions. With `foot: Vertex` each distance is measured from a point to the curve point at the
-/// parameter of this point.
+/// is also used for limit curves of subdivisions. With `foot: Vertex` the distance of a given point is measured to the curve point at the
+/// parameter that was assigned to the given point.
 ///
 /// # Errors
 /// If the curve is not a polyline, has too few points for the degree or coincident points, if the solver does not support the foot and
@@ -69,7 +69,7 @@ pub fn interpolate_curve(
     let points = curve.points();
     let family = ControlCurve::new(basis, points, curve.is_closed())?;
     let mut feet = Feet::new(&family, points, options.foot);
-    // Within a knot span a coordinate of the curve has at most as many extrema as its degree.
+    // Within a knot span, each coordinate of the curve has at most as many extrema as the degree of the curve.
     let pieces = 4 * basis.degree();
     let solution = control_points(
         points,
@@ -89,7 +89,8 @@ pub fn interpolate_curve(
     })
 }
 
-/// Creates the equations of the control points. Each end point of an open curve is a separate block of equations; these blocks come first.
+/// Creates the linear equations that determine the control points. Each end point of an open curve is a separate block of equations; these
+/// blocks come first.
 fn matrix(family: &ControlCurve, basis: CurveBasis, count: usize, closed: bool) -> LimitMatrix {
     let all = 0..count as u32;
     let blocks = match closed {

@@ -59,11 +59,12 @@ impl Node for InterpolateSurface {
 
 /// Computes the B-spline surface with the orders `order` through the points of a net. The surface has one control point per point.
 ///
-/// The parameters are centripetal, averaged over all lines, and the knots are averages of the parameters: Piegl and Tiller, *The NURBS
-/// Book*, 2nd ed. (1997), section 9.2.5. With `foot: Vertex` each distance is measured from a point to the surface at the parameters of
-/// this point: Lin, Bao and Wang, "Totally positive bases and progressive iteration approximation", Computers & Mathematics with
-/// Applications 50 (2005). With `foot: Closest` it is measured to the nearest surface point: Maekawa, Matsumoto and Namiki, "Interpolation
-/// by geometric algorithm" (2007). The collocation matrix `A` is not symmetric, so `Solver::Pcg` works on `A A^T`.
+/// The parameters of the points are centripetal, averaged over all rows or columns, and the knots are averages of these parameters: Piegl
+/// and Tiller, *The NURBS Book*, 2nd ed. (1997), section 9.2.5. With `foot: Vertex` the distance of a given point is measured to the
+/// surface point at the parameters that were assigned to the given point: Lin, Bao and Wang, "Totally positive bases and progressive
+/// iteration approximation", Computers & Mathematics with Applications 50 (2005). With `foot: Closest` the distance is measured to the
+/// nearest surface point: Maekawa, Matsumoto and Namiki, "Interpolation by geometric algorithm" (2007). The collocation matrix `A` is not
+/// symmetric, so `Solver::Pcg` works on `A A^T`.
 ///
 /// # Errors
 /// If there are fewer points than the order, points coincide, the solver does not support the foot and direction, or the evaluation is
@@ -99,7 +100,7 @@ pub fn interpolate_surface(
 struct NetSurfaces<'a> {
     net: &'a ControlNet,
     knots: [KnotVector; 2],
-    /// The parameters of the rows and of the columns.
+    /// The surface parameters u of the rows of points, and the surface parameters v of the columns.
     parameters: [Vec<f64>; 2],
 }
 
@@ -128,7 +129,7 @@ impl<'a> NetSurfaces<'a> {
     }
 
     /// Samples the surface with the control points `control` at the parameters of the net's points and halfway between them. Returns `None`
-    /// on overflow.
+    /// if a coordinate overflows.
     fn sample(&self, control: &[Point3<f64>]) -> Option<Vec<Point3<f64>>> {
         let surface = self.surface(control.to_vec()).ok()?;
         let [us, vs] = self.parameters.each_ref().map(|parameters| {
@@ -257,7 +258,7 @@ mod tests {
         }
     }
 
-    // Checked on a B-spline surface: the iteration ends at the tolerance in both norms.
+    // On a B-spline surface, the iteration with closest foot points reaches the tolerance in both norms.
     #[test]
     fn closest_feet_interpolate_in_both_norms_and_directions() {
         let net = waves(6, 7);
@@ -330,7 +331,7 @@ mod tests {
                     let control = found.shape.net().points();
                     let moved = control.iter().zip(net.points()).map(|(a, b)| (a - b).norm());
                     far += usize::from(moved.fold(0.0, f64::max) > diagonal);
-                    // The surface is at most as high as smooth waves through the points would be.
+                    // The bound is generous: the surface may swing at most four times as high as the points.
                     let drawn = found.shape.tessellate(0, 0).unwrap();
                     let height = drawn.positions().iter().map(|p| p.z.abs()).fold(0.0, f64::max);
                     assert!(height <= 4.0 * amplitude, "{name}: {height}");

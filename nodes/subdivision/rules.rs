@@ -17,14 +17,14 @@ impl<S> Rules<S> {
         self.with_scheme(())
     }
 
-    /// Returns these rules with another scheme.
+    /// Returns these subdivision rules with the scheme replaced by `scheme`.
     pub(super) fn with_scheme<T>(self, scheme: T) -> Rules<T> {
         Rules { scheme, boundary: self.boundary, creases: self.creases }
     }
 }
 
 impl Rules {
-    /// Returns these rules with the scheme converted to a [`PrimalScheme`]; `None` if the scheme is dual.
+    /// Returns these subdivision rules with the scheme converted to a [`PrimalScheme`]; `None` if the scheme is dual, as `DooSabin` is.
     pub(super) fn primal(self) -> Option<Rules<PrimalScheme>> {
         Some(self.with_scheme(self.scheme.primal()?))
     }

@@ -24,7 +24,7 @@ pub(crate) enum PrimalScheme {
 }
 
 impl Scheme {
-    /// Converts the scheme to a primal scheme; returns `None` if it is dual.
+    /// Converts the scheme to a primal scheme; returns `None` for the dual scheme `DooSabin`.
     pub(crate) fn primal(self) -> Option<PrimalScheme> {
         match self {
             Self::Loop => Some(PrimalScheme::Loop),
@@ -54,7 +54,7 @@ impl PrimalScheme {
         }
     }
 
-    /// Returns true if a step also makes a vertex in each face.
+    /// Returns true if a step makes a new vertex in each face, in addition to those for old vertices and edges.
     pub(crate) fn has_middles(self) -> bool {
         match self {
             Self::CatmullClark => true,

@@ -129,14 +129,14 @@ pub(super) fn torus(n: u32, m: u32, cut: bool) -> Mesh {
     )
 }
 
-/// Adds normally distributed noise to the positions.
+/// Adds normally distributed noise with the standard deviation `deviation` to the coordinates of the vertices.
 pub(super) fn add_noise(mesh: &Mesh, deviation: f64) -> Mesh {
     let mut state = 12_345u32;
     fn uniform(state: &mut u32) -> f64 {
         *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         (f64::from(*state >> 8) + 0.5) / f64::from(1 << 24)
     }
-    // The Box-Muller transform.
+    // Converts uniform to normally distributed random numbers by the Box-Muller transform.
     fn normal(state: &mut u32, deviation: f64) -> f64 {
         let radius = (-2.0 * libm::log(uniform(state))).sqrt();
         radius * libm::cos(TAU * uniform(state)) * deviation

@@ -3,8 +3,8 @@
 use maquette_value::Mesh;
 use nalgebra::Vector3;
 
-/// Marks the edges of `mesh` as creases where the normals of both faces differ by more than `angle` degrees. Edges that do not have exactly
-/// two faces, or have a face without area, do not change.
+/// Marks as creases those edges of `mesh` whose two faces have normals that differ by more than `angle` degrees. Edges without exactly two
+/// faces, and edges of a face without area, are left unchanged.
 pub fn crease(mesh: &Mesh, angle: f64, sharpness: f64) -> Mesh {
     let edges = mesh.edges();
     let normals: Vec<Vector3<f64>> =

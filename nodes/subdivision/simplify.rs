@@ -64,7 +64,7 @@ impl Node for Simplify {
 /// Heckbert, "Surface simplification using quadric error metrics" (1997). A collapse is rejected if the surface would no longer be manifold
 /// (the link condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction", 1999), if a face would rotate by
 /// more than 75 degrees or lose its area, or if it would join two creases. Among edges with equal cost, for example in a plane, the
-/// shortest is collapsed first. The faces thus stay evenly sized, vertices have few neighbors, and the time is O(n log n).
+/// shortest is collapsed first. The faces thus stay evenly sized, vertices have few neighbors, and the running time is O(n log n).
 ///
 /// Texture coordinates `uv` on corners add the squared distance by which the texture shifts on the surface: Hoppe, "New quadric metric for
 /// simplifying meshes with appearance attributes" (1999). An edge is a seam if its two sides differ in a corner attribute. Seams are
@@ -108,7 +108,8 @@ impl Simplifier {
         Ok(Self { net, heap })
     }
 
-    /// Performs a collapse if its cost is not outdated and the surface stays valid. Returns the number of edges whose cost was recomputed.
+    /// Performs an edge collapse, unless its cost is outdated or the collapse would make the surface non-manifold or flip a face. Returns
+    /// the number of edges whose cost was recomputed.
     fn collapse(&mut self, next: &Collapse) -> usize {
         if !self.net.is_current(next) || !self.net.allows(next) {
             return 0;

@@ -79,7 +79,8 @@ impl Node for Subdivide {
         Ok((plan.apply_within(mesh, cx.progress())?,))
     }
 
-    /// If only vertex positions have changed, recomputes the part of the result that depends on them.
+    /// If only vertex positions have changed, recomputes the part of the previous result that depends on the moved vertices. Returns `None`
+    /// if a full computation is necessary.
     fn update(
         &self,
         cx: &Context<'_>,
@@ -99,7 +100,7 @@ impl Node for Subdivide {
 }
 
 impl Subdivide {
-    /// Warns about creases of `mesh` that the result does not respect.
+    /// Warns if the scheme ignores the creases of `mesh`, or if the limit treats semi-sharp creases as permanent.
     fn warn(&self, mesh: &Mesh, cx: &Context<'_>) {
         let Subdivision { scheme, levels, limit, .. } = self.how;
         if scheme.is_dual() && mesh.creases().len() > 0 {
@@ -160,7 +161,7 @@ impl Subdivide {
     }
 }
 
-/// The approximate fraction of the total time that is spent on making the plan.
+/// The approximate fraction of a subdivision's running time that is spent on making the plan.
 const PLANNING: f64 = 0.7;
 
 /// Refines `mesh`. The order of new vertices and faces follows from the order of the old vertices, of the faces, and of the edges as

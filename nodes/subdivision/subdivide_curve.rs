@@ -34,7 +34,7 @@ pub enum CurveScheme {
     Cubic,
 }
 
-/// The maximum number of points in a result, which need about 100 MB.
+/// The maximum number of points of a refined curve. This many points need about 100 MB of memory.
 const POINTS: Limit = Limit { max: 1 << 22, items: "points", help: "choose fewer `levels`" };
 
 impl Node for SubdivideCurve {
@@ -76,7 +76,7 @@ pub fn subdivide_curve(curve: &Curve, scheme: CurveScheme, levels: u32) -> Resul
     Ok(Curve::polyline(refined, curve.is_closed())?)
 }
 
-/// The number of points of a curve after `levels` steps.
+/// The number of points that a curve has after `levels` refinement steps.
 fn points_after(curve: &Curve, levels: u32) -> f64 {
     curve.points().len() as f64 * libm::exp2(f64::from(levels))
 }

@@ -14,7 +14,8 @@ const NUMBERS: usize = 40;
 pub(super) struct Histogram([f32; NUMBERS]);
 
 impl Histogram {
-    /// Returns the squared distance of two histograms. If the sum reaches `max`, the computation ends early and returns the partial sum.
+    /// Returns the squared distance of two histograms, as a sum over their entries. If the sum reaches `max`, the computation ends early
+    /// and returns the partial sum.
     pub(super) fn distance_sq(&self, other: &Self, max: f32) -> f32 {
         let mut off = 0.0;
         for (a, b) in self.0.chunks_exact(8).zip(other.0.chunks_exact(8)) {
@@ -46,7 +47,8 @@ pub(super) fn histograms(cloud: &Cloud, radius: f64) -> Vec<Option<Histogram>> {
     let points = || (0..cloud.positions.len()).into_par_iter().with_min_len(64);
     let near: Vec<Vec<u32>> =
         points().map(|k| cloud.tree.points_within(&cloud.positions[k], radius)).collect();
-    // Equation 1 of the publication: the simple histogram of each point, from the angles between the point and its neighbors.
+    // Equation 1 of the publication: the simple histogram of each point, from the angles between the normals of the point and of its
+    // neighbors.
     let simple: Vec<Histogram> = points()
         .map(|k: usize| {
             let mut simple = Histogram([0.0; NUMBERS]);
@@ -60,7 +62,8 @@ pub(super) fn histograms(cloud: &Cloud, radius: f64) -> Vec<Option<Histogram>> {
             simple.normalize()
         })
         .collect();
-    // Equation 2 of the publication: each combined histogram is made from the simple ones of the point and its neighbors.
+    // Equation 2 of the publication: the combined histogram of a point is made from the simple histograms of the point and of its
+    // neighbors.
     points().map(|k| combine(cloud, k, &near[k], &simple, radius)).collect()
 }
 

@@ -13,12 +13,12 @@ mod beside;
 
 use beside::shared_folder;
 
-/// Returns the root folder of the project.
+/// Returns the root folder of the repository.
 fn project() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// A capture of the doll and the pose of its camera.
+/// A capture of the example object `doll`, and the pose of its camera.
 fn doll(folder: &str, file: &str) -> (RangeImage, Isometry3<f64>) {
     let folder = project().join("graphs/doll").join(folder);
     fn read(name: &str, folder: &Path) -> Vec<u8> {

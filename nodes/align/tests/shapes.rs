@@ -6,7 +6,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::motion::move_scan;
 
-/// Creates an asymmetric blob of 40 mm. `turn` rotates the grid of vertices, but not the shape.
+/// Creates an asymmetric closed surface: a sphere of radius 40 mm with bumps and dents. `turn` rotates the grid of vertices, but not the
+/// shape.
 pub(super) fn blob(turn: f64) -> Mesh {
     let bumps = [
         ([0.2, 0.4, 0.9], 9.0, 0.25),
@@ -38,7 +39,8 @@ pub(super) fn sphere() -> Scan {
     Scan::Mesh(closed_surface(0.0, |_| 30.0))
 }
 
-/// Creates a closed surface around the origin from rings of triangles. `radius` returns its distance from the origin in a direction.
+/// Creates a closed surface around the origin from rings of triangles. `radius` returns the distance of the surface from the origin in a
+/// given direction.
 fn closed_surface(turn: f64, radius: impl Fn(&Vector3<f64>) -> f64) -> Mesh {
     const RINGS: usize = 90;
     const VERTICES_PER_RING: usize = 150;
@@ -74,7 +76,7 @@ pub(super) fn seen_from(mesh: &Mesh, way: Vector3<f64>) -> Scan {
     Scan::Mesh(mesh.select(&seen.collect::<Vec<_>>()))
 }
 
-/// A flat sheet of 60 mm.
+/// A flat square sheet with sides of 60 mm.
 pub(super) fn sheet() -> Scan {
     let quads = (0..3660).filter(|k| k % 61 != 60).map(|k| [k, k + 1, k + 62, k + 61]);
     let corners: Vec<_> = quads.flatten().collect();

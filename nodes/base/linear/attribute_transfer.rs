@@ -7,10 +7,10 @@ use super::weighted_mean::WeightedMean;
 
 /// A map from old elements to new elements that can be applied to attributes of every type.
 pub trait AttributeTransfer {
-    /// Computes the data of the new elements.
+    /// Computes the values of an attribute for the new elements, given its values `old` for the old elements.
     fn column<T: WeightedMean>(&self, old: &[T]) -> Vec<T>;
 
-    /// Transfers an attribute of any type.
+    /// Returns an attribute for the new elements, given the same attribute for the old elements. The attribute may have any type.
     fn attribute(&self, old: &Attribute) -> Attribute {
         match old {
             Attribute::Number(old) => Attribute::Number(self.column(old).into()),

@@ -10,7 +10,8 @@ pub struct BandedMatrix {
     entries: Vec<f64>,
 }
 
-/// A pivot that is less than this fraction of its row's largest entry counts as zero, because it consists only of rounding errors.
+/// A pivot that is less than this fraction of the largest entry of its row counts as zero, because such a pivot consists only of rounding
+/// errors.
 const MIN_PIVOT: f64 = 1e-13;
 
 impl BandedMatrix {
@@ -34,9 +35,9 @@ impl BandedMatrix {
         row * (2 * self.half + 1) + column + self.half - row
     }
 
-    /// Factors the matrix into L U without pivoting. Returns `None` if it is singular. Without pivoting the factorization is stable for
-    /// B-spline matrices, whose minors are not negative: de Boor and Pinkus, "Backward error analysis for totally positive linear systems"
-    /// (1977).
+    /// Factors the matrix into L U without pivoting. Returns `None` if the matrix is singular. Without pivoting the factorization is stable
+    /// for B-spline matrices, whose minors are not negative: de Boor and Pinkus, "Backward error analysis for totally positive linear
+    /// systems" (1977).
     pub fn factor(mut self) -> Option<Factors> {
         let width = 2 * self.half + 1;
         let sizes: Vec<f64> = self
@@ -46,7 +47,7 @@ impl BandedMatrix {
             .collect();
         for (k, &size) in sizes.iter().enumerate() {
             let pivot = self.entries[self.entry_index(k, k)];
-            // The comparison is also false for a NaN pivot.
+            // The comparison is also false if the pivot is NaN.
             let is_usable = pivot.abs() > MIN_PIVOT * size;
             if !is_usable {
                 return None;
@@ -72,7 +73,7 @@ impl BandedMatrix {
 pub struct Factors(BandedMatrix);
 
 impl Factors {
-    /// Solves the system: replaces its right side by the solution.
+    /// Solves the linear system for the right side `right`, which is replaced by the solution.
     pub fn solve(&self, right: &mut [Vector3<f64>]) {
         let matrix = &self.0;
         for row in 0..matrix.n {

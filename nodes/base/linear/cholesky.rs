@@ -19,9 +19,9 @@ mod front;
 pub struct Symmetric {
     /// For each row the index at which it begins in `indices` and `entries`, followed by the length of these lists.
     pub starts: Vec<u32>,
-    /// The column index of each entry.
+    /// The column index of each stored entry, row by row.
     pub indices: Vec<u32>,
-    /// The value of each entry.
+    /// The value of each stored entry, row by row.
     pub entries: Vec<f64>,
 }
 
@@ -55,7 +55,8 @@ struct Factor {
     columns: Front,
 }
 
-/// A pivot that is less than this fraction of its row's diagonal entry counts as zero, because it consists only of rounding errors.
+/// A pivot that is less than this fraction of its row's diagonal entry counts as zero, because such a pivot consists only of rounding
+/// errors.
 const MIN_PIVOT: f64 = 1e-13;
 
 /// Marks a group that has no parent in the assembly tree.
@@ -65,7 +66,7 @@ const ROOT: u32 = u32::MAX;
 const MAX_SEQUENTIAL_UNKNOWNS: usize = 500;
 
 impl Cholesky {
-    /// Factors a matrix. Returns `None` if it is not positive definite.
+    /// Factors a matrix. Returns `None` if the matrix is not positive definite.
     pub fn new(matrix: &Symmetric) -> Option<Self> {
         let links = Links { starts: &matrix.starts, neighbors: &matrix.indices };
         Self::with_ordering(matrix, &Dissection::new(links, 1), &Progress::silent()).ok().flatten()
@@ -162,7 +163,8 @@ struct Tree {
     starts: Vec<u32>,
     /// For each group the rows below it that have nonzero entries in its columns, as positions in the elimination order, ascending.
     below: Vec<Vec<u32>>,
-    /// For each group its parent, the first later group that it updates; [`ROOT`] if there is none.
+    /// For each group its parent, which is the first later group that is updated by the elimination of the group; [`ROOT`] if there is
+    /// none.
     parents: Vec<u32>,
     children: Vec<Vec<u32>>,
 }
@@ -204,8 +206,8 @@ impl Tree {
         tree
     }
 
-    /// Divides the groups into tasks that are independent and can run in parallel. Also returns the remaining groups, which depend on these
-    /// tasks.
+    /// Divides the groups of unknowns into independent tasks, whose groups can be eliminated in parallel. Also returns the remaining
+    /// groups, which depend on these tasks.
     fn tasks(&self, unknowns: usize) -> (Vec<Vec<u32>>, Vec<u32>) {
         let count = self.parents.len();
         let mut sizes: Vec<u32> = self.starts.windows(2).map(|ends| ends[1] - ends[0]).collect();
@@ -352,7 +354,7 @@ mod tests {
     #[test]
     fn the_order_contains_every_unknown_of_disconnected_matrices() {
         let mut matrix = grid(30, 20, 1.0);
-        // The matrix has a second grid without links to the first one, and an isolated unknown.
+        // The matrix has two grids that are not linked to each other, and an isolated unknown.
         let other = grid(25, 25, 1.0);
         let (rows, entries) = (600u32, matrix.indices.len() as u32);
         matrix.starts.extend(other.starts[1..].iter().map(|start| start + entries));

@@ -48,7 +48,7 @@ pub fn dot(a: &[Column], b: &[Column], scale: &[f64]) -> Column {
     parts.into_iter().fold([0.0; 3], |sum, part| [0, 1, 2].map(|k| sum[k] + part[k]))
 }
 
-/// Summarizes the Euclidean lengths of the entries by their maximum and the sum of their squares.
+/// Summarizes the Euclidean lengths of the entries of `residual` by their maximum and the sum of their squares.
 pub fn residual_lengths(residual: &[Column]) -> Residuals {
     let parts = residual.par_chunks(CHUNK).map(|chunk| {
         let lengths_sq = chunk.iter().map(|[x, y, z]| x * x + y * y + z * z);

@@ -12,7 +12,7 @@ use super::multigrid::{Grid, Multigrid, NONE};
 /// which is about 1e4 for a part of 100 x 100 cells) and far below the resolution of a scan.
 const TOLERANCE: f64 = 1e-12;
 
-/// The minimum number of unknowns for which the coarser grids save time.
+/// The minimum number of unknowns for which the multigrid preconditioner is used; for fewer unknowns, it saves no time.
 const MIN_MULTIGRID_UNKNOWNS: usize = 20_000;
 
 /// Solves `sum over the 4-neighbors of (x - neighbor) = load` for each free cell of a `width` x `height` grid.
@@ -113,7 +113,7 @@ impl System {
         Self { cells, ..system }
     }
 
-    /// Creates the sequence of coarser grids. Returns `None` if a pivot is lost to rounding.
+    /// Creates the sequence of coarser grids. Returns `None` if a pivot becomes 0 or negative by rounding.
     fn coarser(&self, width: usize) -> Option<Multigrid> {
         Multigrid::new(Grid {
             cells: self.cells.clone(),
@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn coarser_grids_change_only_the_number_of_steps() {
-        // The free cells form a disk. It contains a known cell and a cell that has no value.
+        // The free cells form a disk. The disk contains a known cell and a cell that has no value.
         let (width, height) = (73, 70);
         fn free(cell: usize, width: usize) -> bool {
             let [x, y] = [cell % width, cell / width].map(|k| k as f64 - 35.0);

@@ -8,11 +8,11 @@ use maquette_value::Memo;
 use maquette_value::simd::{Kernel, widest};
 use maquette_value::{Column, Encoder};
 
-/// A matrix and its L U factors: if the rows of `matrix` are permuted into the order `rows`, they equal the product `L U`.
+/// A square matrix and its L U factors: `matrix` with its rows permuted into the order `rows` is the product `L U`.
 #[derive(Clone, Debug)]
 pub struct Lu {
     size: usize,
-    /// The entries row by row.
+    /// The entries of the matrix before factorization, row by row.
     matrix: Column<f64>,
     /// The entries of U, and below the diagonal the entries of L. The diagonal of L consists of ones and is not stored.
     factors: Column<f64>,
@@ -20,7 +20,7 @@ pub struct Lu {
     condition: f64,
 }
 
-/// The maximum number of steps for estimating the condition number. More than three are rarely necessary.
+/// The maximum number of steps for estimating the condition number. More than three steps are rarely necessary.
 const MAX_ESTIMATE_STEPS: usize = 5;
 
 impl Lu {
@@ -98,7 +98,7 @@ impl Lu {
         x
     }
 
-    /// Solves the system whose matrix is the transpose of this matrix.
+    /// Solves the linear system whose matrix is the transpose of the factored matrix.
     fn eliminate_transposed(&self, right: &[f64]) -> Vec<f64> {
         let mut x = right.to_vec();
         for k in 0..self.size {

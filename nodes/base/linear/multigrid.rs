@@ -28,7 +28,7 @@ pub(super) struct Grid {
     /// The index of each cell in the full grid, whose rows have `width` cells.
     pub(super) cells: Vec<usize>,
     pub(super) width: usize,
-    /// For each cell the indices of the unknowns above it, to its left, to its right and below it.
+    /// For each cell the indices of the neighboring unknowns above, to the left, to the right and below; [`NONE`] where there is none.
     pub(super) neighbors: Vec<[u32; 4]>,
     pub(super) weights: Vec<[f64; 4]>,
     pub(super) diagonal: Vec<f64>,
@@ -117,13 +117,13 @@ pub(super) struct Multigrid {
 
 struct Level {
     grid: Grid,
-    /// For each cell the cell of the next grid that contains it. `n_parents` is the number of cells in the next grid.
+    /// For each cell of this grid, the cell of the next coarser grid that contains it. `n_parents` is the number of cells in the next grid.
     parents: Vec<u32>,
     n_parents: usize,
 }
 
 impl Multigrid {
-    /// Creates the sequence of grids below `grid`. Returns `None` if a pivot is lost to rounding.
+    /// Creates the sequence of grids below `grid`. Returns `None` if a pivot becomes 0 or negative by rounding.
     pub(super) fn new(mut grid: Grid) -> Option<Self> {
         let mut levels = Vec::new();
         while grid.cells.len() > MAX_DIRECT_UNKNOWNS {
@@ -135,7 +135,8 @@ impl Multigrid {
         Some(Self { levels, last: grid.factors()? })
     }
 
-    /// Returns an approximate solution. It is a linear function of `right` whose matrix is symmetric and positive definite.
+    /// Returns an approximate solution for the right side `right`. The solution is a linear function of `right`, with a symmetric and
+    /// positive definite matrix.
     pub(super) fn solve(&self, right: &[f64]) -> Vec<f64> {
         self.solve_on(0, right)
     }

@@ -1,11 +1,11 @@
 //! Residuals: the distances between given points and a curve or surface.
 
-/// The residuals of some points, summarized by their maximum and the sum of their squares.
+/// The distances of some points from a curve or surface, summarized by their maximum and the sum of their squares.
 #[derive(Clone, Copy, Debug)]
 pub struct Residuals {
-    /// The largest squared distance of a point.
+    /// The largest squared distance of a point from the curve or surface.
     pub max_sq: f64,
-    /// The sum of the squared distances.
+    /// The sum of the squared distances of all points from the curve or surface.
     pub sum_sq: f64,
     /// The number of points.
     pub count: usize,

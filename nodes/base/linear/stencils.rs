@@ -9,7 +9,7 @@ use super::weighted_mean::WeightedMean;
 /// The number of rows per parallel task: enough to outweigh the cost of starting a task, about 10 us.
 const BLOCK: usize = 4096;
 
-/// A sparse matrix, stored by rows: row `r` has the entries with the indices `starts[r]..starts[r + 1]`.
+/// A sparse matrix, stored by rows: row `r` has the entries `starts[r]..starts[r + 1]` of the lists of column indices and weights.
 #[derive(Clone, Debug)]
 pub struct Stencils {
     starts: Column<u32>,
@@ -47,7 +47,7 @@ impl Rows {
         self.weights[first..].iter_mut().for_each(|weight| *weight *= factor);
     }
 
-    /// Removes and returns all entries.
+    /// Removes all entries from the collected rows and returns them as pairs of column index and weight.
     pub fn take_entries(&mut self) -> Vec<(u32, f64)> {
         self.indices.drain(..).zip(self.weights.drain(..)).collect()
     }
@@ -101,7 +101,8 @@ impl Stencils {
         (stencils, groups.into())
     }
 
-    /// Creates a matrix whose row `r` has the entries with the indices `starts[r]..starts[r + 1]`. `starts` must begin with 0.
+    /// Creates a matrix whose row `r` has the entries `starts[r]..starts[r + 1]` of the lists `indices` (columns) and `weights`. `starts`
+    /// must begin with 0.
     pub fn from_parts(starts: Vec<u32>, indices: Vec<u32>, weights: Vec<f64>) -> Self {
         Self { starts: starts.into(), indices: indices.into(), weights: weights.into() }
     }
@@ -159,7 +160,7 @@ impl Stencils {
         rows.map(|row| self.apply_row(row, column)).collect()
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub fn size(&self) -> usize {
         self.starts.size() + self.indices.size() + self.weights.size()
     }

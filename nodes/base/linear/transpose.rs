@@ -48,7 +48,7 @@ impl Stencils {
         rows
     }
 
-    /// Multiplies each row by its entry in `scale`. The result must be symmetric.
+    /// Multiplies row `r` by `scale[r]`. The result must be symmetric.
     pub fn scale_rows(&self, scale: &[f64]) -> Symmetric {
         let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
         for (row, scale) in scale.iter().enumerate() {

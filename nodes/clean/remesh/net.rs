@@ -4,10 +4,10 @@
 
 use nalgebra::{Point3, Vector3};
 
-/// Index of a half-edge that does not exist: no triangle is adjacent, or the triangle is deleted.
+/// Index of a half-edge that does not exist, because no triangle is adjacent or the triangle is deleted.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Cosine of 60 degrees, the maximum angle by which a change may rotate a triangle's normal.
+/// Cosine of 60 degrees, the maximum angle by which an edge operation or a vertex motion may rotate a triangle's normal.
 const MIN_COSINE: f64 = 0.5;
 
 /// A triangle whose doubled area, divided by its squared longest edge, is less than this value is a needle. No triangle may become a
@@ -41,7 +41,7 @@ pub(super) fn previous(h: u32) -> u32 {
 pub(super) struct Net {
     pub(super) places: Vec<Point3<f64>>,
     pub(super) kinds: Vec<Kind>,
-    /// The start vertex of each half-edge; `NONE` if its triangle is deleted.
+    /// The start vertex of each half-edge; `NONE` if the half-edge's triangle is deleted.
     pub(super) from: Vec<u32>,
     pub(super) twins: Vec<u32>,
     /// For each half-edge, the sharpness of the crease that contains it, 0 for other features; `None` for an edge that is not a feature.
@@ -112,7 +112,7 @@ impl Net {
         (self.place(self.end(h)) - self.place(self.from(h))).norm_squared()
     }
 
-    /// Returns the corners of a triangle; `None` if it is deleted.
+    /// Returns the corners of a triangle; `None` if the triangle is deleted.
     pub(super) fn triangle(&self, triangle: u32) -> Option<[u32; 3]> {
         let first = 3 * triangle as usize;
         (self.from[first] != NONE).then(|| [0, 1, 2].map(|k| self.from[first + k]))
@@ -254,8 +254,8 @@ impl Net {
         other
     }
 
-    /// Merges the ends of an edge at its start, if the surface stays a manifold, no triangle flips, and no edge becomes longer than the
-    /// square root of `longest`. Returns true if the ends were merged.
+    /// Collapses an edge to its start, if the surface stays a manifold, no triangle flips, and the squared length of no edge becomes
+    /// greater than `longest`. Returns true if the ends were merged.
     pub(super) fn collapse(&mut self, h: u32, longest: f64) -> bool {
         let (a, b, twin) = (self.from(h), self.end(h), self.twin(h));
         let may_move = match self.kind(b) {
@@ -342,7 +342,8 @@ impl Net {
         self.free_triangles.push(first / 3);
     }
 
-    /// Returns true if an edge can be flipped: it has two triangles, which keep their orientation, and it is not a feature.
+    /// Returns true if an edge can be flipped: the edge has two triangles, the flip preserves their orientation, and the edge is not a
+    /// feature.
     pub(super) fn is_flippable(&self, h: u32) -> bool {
         let twin = self.twin(h);
         if twin == NONE || self.is_feature(h) {
@@ -386,7 +387,7 @@ impl Net {
         }
     }
 
-    /// Moves a vertex to `place`, if no triangle around it flips or becomes a needle.
+    /// Moves a vertex to `place`, unless a triangle around the vertex would flip or become a needle.
     pub(super) fn shift(&mut self, vertex: u32, place: Point3<f64>) {
         let old = self.place(vertex);
         let mut fits = true;
@@ -413,7 +414,7 @@ pub(super) fn shape(triangle: [Point3<f64>; 3]) -> f64 {
     if longest > 0.0 { area(triangle).norm() / longest } else { 0.0 }
 }
 
-/// Returns true if a moved triangle keeps its orientation, and is not a needle, or is less thin than before.
+/// Returns true if a moved triangle keeps its orientation, and either is not a needle or is less thin than before.
 #[inline]
 fn keeps_orientation(before: [Point3<f64>; 3], after: [Point3<f64>; 3]) -> bool {
     let [old, new] = [before, after].map(area);

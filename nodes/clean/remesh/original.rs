@@ -14,14 +14,14 @@ use super::net::{Kind, NONE, Net, next, previous};
 /// Cosine of the angle, 45 degrees, by which a curve must turn between two points an edge length apart to have a corner.
 const CORNER_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
-/// Minimum total length of a crease, in edge lengths; shorter creases are noise.
+/// Minimum total length of a connected set of sharp edges, in target edge lengths; shorter sets count as noise.
 const MIN_CREASE: f64 = 2.0;
 
 /// The original surface, on which new vertices are placed.
 pub(super) struct Original<'a> {
     mesh: &'a Mesh,
     tree: TriangleTree,
-    /// The feature curves, stored as degenerate triangles; `None` without features.
+    /// The feature curves, stored as degenerate triangles with a search tree; `None` if the surface has no features.
     curves: Option<(Mesh, TriangleTree)>,
 }
 
@@ -64,7 +64,8 @@ impl<'a> Original<'a> {
         Ok((Self { mesh, tree: TriangleTree::new(mesh), curves }, net))
     }
 
-    /// Returns, for each point, the nearest point of the surface, and the normal of its triangle with twice the triangle's area as length.
+    /// Returns, for each point, the nearest point of the surface, and the normal of the triangle that contains this nearest point. The
+    /// length of the normal is twice the triangle's area.
     pub(super) fn on_surface(
         &self,
         points: &[Point3<f64>],
@@ -73,7 +74,7 @@ impl<'a> Original<'a> {
         found.map(|place| place.map(|place| interpolate(self.mesh, &place))).collect()
     }
 
-    /// Returns, for each point, the nearest point of the feature curves; `None` without features.
+    /// Returns, for each point, the nearest point of the feature curves; `None` if the surface has no features.
     pub(super) fn on_curves(&self, points: &[Point3<f64>]) -> Vec<Option<Point3<f64>>> {
         let Some((curves, tree)) = &self.curves else { return vec![None; points.len()] };
         let found = tree.nearest_to_all(points).into_iter();
@@ -164,8 +165,8 @@ fn interpolate(mesh: &Mesh, place: &NearestPoint) -> (Point3<f64>, Vector3<f64>)
     (a + ab * place.barycentric[1] + ac * place.barycentric[2], ab.cross(&ac))
 }
 
-/// Finds the feature edges: borders, creases, and edges whose faces meet at more than `angle` degrees. A connected set of sharp edges whose
-/// total length is short is left out as noise.
+/// Finds the feature edges: borders, creases, and edges whose faces meet at more than `angle` degrees. A connected set of sharp edges with
+/// a small total length is noise and is left out.
 fn find_features(mesh: &Mesh, parents: &[u32], length: f64, angle: f64, net: &mut Net) {
     let given: Vec<_> = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0).collect();
     let cosine = libm::cos(angle.to_radians());
@@ -232,7 +233,7 @@ fn part_fans(net: &mut Net) {
 /// Determines how vertices on feature curves may move. A vertex is fixed where curves end or meet, or where a curve bends sharply within
 /// `length`.
 fn find_corners(net: &mut Net, length: f64) {
-    // For each vertex, its two neighbors along its curve; [`NONE`] for missing ones.
+    // For each vertex, its two neighbors along the feature curve that contains it; [`NONE`] for missing neighbors.
     let mut beside = vec![[NONE; 2]; net.places.len()];
     let mut counts = vec![0u32; net.places.len()];
     for h in net.edges().filter(|&h| net.is_feature(h)) {
@@ -290,7 +291,7 @@ fn find_corners(net: &mut Net, length: f64) {
     corners.into_iter().for_each(|vertex| net.kinds[vertex as usize] = Kind::Corner);
 }
 
-/// Returns the feature curves as degenerate triangles.
+/// Returns the feature curves as degenerate triangles with a search tree; `None` if there are no features.
 fn curves(net: &Net) -> Result<Option<(Mesh, TriangleTree)>, MeshError> {
     let mut places = Vec::new();
     for h in net.edges().filter(|&h| net.is_feature(h)) {
@@ -307,7 +308,7 @@ fn curves(net: &Net) -> Result<Option<(Mesh, TriangleTree)>, MeshError> {
 }
 
 impl Net {
-    /// Returns the two neighbors of a vertex on a curve; `None` if it does not have exactly two.
+    /// Returns the two neighbors of a vertex along its feature curve; `None` if the vertex does not have exactly two.
     pub(super) fn along_curve(&self, vertex: u32) -> Option<[u32; 2]> {
         let (mut found, mut count) = ([NONE; 2], 0);
         self.visit_neighbors(vertex, |other, h| {

@@ -93,7 +93,7 @@ fn a_ball_keeps_its_radius_and_has_even_triangles() {
     let ball = ball(40);
     let even = even(&ball, 1.0);
     for place in even.positions().iter() {
-        // The vertices deviate from the sphere no more than the triangles of the original mesh.
+        // The vertices must not deviate from the sphere more than the triangles of the original mesh.
         assert!((place.coords.norm() - 10.0).abs() < 0.04, "{place}");
     }
     let (mean, least) = angles(&even);
@@ -107,7 +107,7 @@ fn the_ridge_of_a_roof_stays_where_it_is() {
     let roof = sheet(20, |x, _| 5.0 - (x - 5.0).abs());
     let even = even(&roof, 0.8);
     assert!((area(&even) / area(&roof) - 1.0).abs() < 1e-9);
-    // At 180 degrees, the edge of the roof is not kept: it is rounded in places, but only slightly.
+    // With an `angle` of 180 degrees, the sharp edge of the roof is not kept: the edge is rounded in places, but only slightly.
     let cut = remesh(&roof, 0.8, 180.0, &Progress::silent()).unwrap();
     check(&roof, &cut);
     assert!(area(&cut) < area(&roof) - 1e-3);
@@ -164,7 +164,7 @@ fn non_manifold_meshes_are_refused_and_empty_ones_stay() {
     );
     let empty = of(&[]);
     assert!(run(&empty, 0.0, 40.0).unwrap().faces().is_empty());
-    // The mesh is one triangle, much smaller or much larger than the target.
+    // The mesh is a single triangle, whose edges are much shorter or much longer than the target length.
     let one = of(&[[0, 1, 2]]);
     assert_eq!(run(&one, 9.0, 40.0).unwrap().faces().len(), 1);
     let many = run(&one, 0.1, 40.0).unwrap();
@@ -179,7 +179,7 @@ fn non_manifold_meshes_are_refused_and_empty_ones_stay() {
     }
     let error = run(&one, 1.0, 181.0).unwrap_err().to_string();
     assert_eq!(error, "`angle` is 181, but must be from 0 to 180 degrees");
-    // A needle of nearly no area would be split into as many triangles as its length requires.
+    // A needle-shaped triangle with hardly any area would be split into very many triangles, because it is long.
     let needle = [[0.0, 0.0, 0.0], [1e9, 0.0, 0.0], [0.0, 1e-9, 0.0]].map(Point3::from);
     let needle = Mesh::new(Vec::from(needle), Faces::triangles(vec![[0, 1, 2]])).unwrap();
     assert!(run(&needle, 1.0, 40.0).unwrap_err().downcast::<LimitError>().is_some());

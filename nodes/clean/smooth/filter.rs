@@ -5,13 +5,13 @@ use maquette_node::{Error, Progress, bail};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
-/// Residual at which the iteration stops, relative to the initial residual; it is far below the resolution of a scan.
+/// The iteration stops at this residual, relative to the initial residual. The remaining error is far below the resolution of a scan.
 const TOLERANCE: f64 = 1e-8;
 
 /// Maximum number of steps of the iteration: enough for waves of a thousand edges.
 const MAX_STEPS: usize = 20_000;
 
-/// A graph whose vertices have masses and whose edges have weights.
+/// A low-pass filter on a graph whose vertices have masses and whose edges have weights.
 pub(super) struct Filter {
     edges: Vec<([u32; 2], f64)>,
     masses: Vec<f64>,
@@ -44,7 +44,7 @@ impl Filter {
         progress: &Progress<'_>,
     ) -> Result<(), Error> {
         let system = System::new(self, is_free, length);
-        // The unknown is the correction of the positions, which is zero for vertices that are not free.
+        // Solve for the corrections of the positions, which are zero for vertices that are not free.
         let before: Vec<_> = places.iter().map(|place| place.coords).collect();
         let mut residual = system.bend(&before);
         residual.par_iter_mut().with_min_len(4096).for_each(|x| *x = -*x);
@@ -99,7 +99,7 @@ struct System {
     rows: Lists<(u32, f64)>,
     diagonal: Vec<f64>,
     masses: Vec<f64>,
-    /// The inverse masses; 0 for vertices that are fixed or have no mass. The value 0 ignores the bending at these vertices, so that a
+    /// The inverse masses; 0 for vertices that are fixed or have no mass. With the value 0, bending at these vertices is ignored, so that a
     /// straight surface stays straight up to them.
     over_mass: Vec<f64>,
     /// The inverse diagonal of the equation's left side; 0 for vertices that are not solved for.

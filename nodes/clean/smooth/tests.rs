@@ -40,7 +40,7 @@ fn a_ball_loses_its_noise_and_keeps_its_volume() {
         let ratio = volume(&smooth) / volume(&ball);
         assert!((ratio - 1.0).abs() < 5e-3, "{length}: {ratio}");
     }
-    // If `length` is the radius, a sphere loses less than one percent of its volume, as the documentation states.
+    // As the documentation states, smoothing by a `length` equal to its radius takes less than one percent of a sphere's volume.
     let ratio = volume(&smooth_with(&ball, 10.0, false)) / volume(&ball);
     assert!((0.99..1.0).contains(&ratio), "{ratio}");
 }
@@ -110,7 +110,7 @@ fn borders_and_creases_stay_or_are_smoothed_along_themselves() {
     let flat = sheet(40, |_, _| 0.0);
     let shaken = flat.positions().iter().map(|p| p + Vector3::x() * (0.05 * noise(&mut random)));
     let shaken = flat.with_positions(shaken.collect()).unwrap();
-    // Returns the roughness of the border, without the corners, which become round.
+    // Returns the roughness of the border. The corners, which become round, are left out.
     fn rough(mesh: &Mesh) -> f64 {
         let left = mesh.positions().iter().step_by(41).skip(10).take(21).map(|p| p.x * p.x);
         (left.sum::<f64>() / 21.0).sqrt()

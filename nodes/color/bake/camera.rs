@@ -5,8 +5,8 @@ use nalgebra::{Matrix3, Matrix3x4, Matrix4, Point3, SMatrix, SVector, Vector2, V
 
 use super::super::atlas::corner_uv;
 
-/// A camera, given by its projection matrix `P`: it sees a point `x` at the pixel `P (x, 1)`, in homogeneous coordinates whose third
-/// component is the depth.
+/// A camera, given by its projection matrix `P`: the camera sees a point `x` at the pixel `P (x, 1)`, in homogeneous coordinates whose
+/// third component is the depth.
 pub(super) struct Camera {
     matrix: Matrix3x4<f64>,
     /// The center of the camera in homogeneous coordinates, whose last component is 0 for a camera at infinity.
@@ -19,11 +19,12 @@ const MAX_REPROJECTION_ERROR: f64 = 2.0;
 /// Maximum number of vertices used to find a camera.
 const MAX_VERTICES: usize = 3000;
 
-/// Minimum ratio of the second smallest to the largest eigenvalue for which the solution is unique; a smaller ratio counts as zero.
+/// Minimum ratio of the second smallest to the largest eigenvalue of the equations for the camera. If the ratio is smaller, the camera is
+/// not unique.
 const MIN_EIGENVALUE: f64 = 1e-11;
 
 impl Camera {
-    /// Returns a pinhole camera that was moved together with its capture.
+    /// Returns the pinhole camera of a capture that was moved by `motion`; `None` if the motion is not invertible.
     pub(super) fn from_pinhole(pinhole: &Pinhole, motion: &Matrix4<f64>) -> Option<Self> {
         let Pinhole { focal, center } = pinhole;
         let own = Matrix3::new(focal[0], 0.0, center[0], 0.0, focal[1], center[1], 0.0, 0.0, 1.0);
@@ -117,8 +118,8 @@ impl Camera {
         pixel.iter().all(|x| x.is_finite()).then_some(pixel)
     }
 
-    /// Returns a direction along the line from a point to the camera. For one camera, it points towards the camera at all points, or away
-    /// from it at all points.
+    /// Returns a direction along the line from a point to the camera. For one camera, the direction points towards the camera at all
+    /// points, or away from the camera at all points.
     pub(super) fn direction_to_camera(&self, place: Point3<f64>) -> Vector3<f64> {
         let direction = self.center.xyz() - place.coords * self.center.w;
         direction.try_normalize(0.0).unwrap_or_default()

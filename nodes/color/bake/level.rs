@@ -18,18 +18,18 @@ pub(super) struct Leveling<'a> {
     /// The vertex at each corner of the mesh's faces.
     pub(super) corners: &'a [u32],
     pub(super) membrane: &'a Membrane,
-    /// The samples of each texel.
+    /// For each texel, the indices of its samples.
     pub(super) of_texels: &'a Lists,
 }
 
 /// Offset added to intensities before their logarithms are taken, so that noise in dark regions has a low weight.
 const DARK_OFFSET: f64 = 0.01;
 
-/// Texels processed between two checks for cancellation.
+/// Number of texels that are processed between two checks for cancellation.
 const BLOCK: usize = 1 << 16;
 
-/// Lengths, as fractions of the diagonal of the mesh's bounding box: the distance over which a correction may change where captures
-/// overlap, and the distance to which it extends beyond the overlap.
+/// Lengths, as fractions of the diagonal of the mesh's bounding box. `CHANGE` is the distance over which a capture's correction may change
+/// where captures overlap; `REACH` is the distance to which the correction extends beyond the overlap.
 const CHANGE: f64 = 0.04;
 const REACH: f64 = 0.5;
 
@@ -82,8 +82,8 @@ impl Leveling<'_> {
         })
     }
 
-    /// Returns the root mean square difference, over channels, between captures where they overlap, in levels of 0 to 255. Each texel has
-    /// the weight of the less certain sample.
+    /// Returns the root mean square difference, over channels, between captures where they overlap, in levels of 0 to 255. Each pair of
+    /// samples at a texel has the weight of the less certain sample.
     pub(super) fn difference(&self, samples: &[Sample]) -> f64 {
         let (mut sum, mut weight) = (0.0, 0.0);
         for [a, b] in self.pairs(samples) {
@@ -97,7 +97,8 @@ impl Leveling<'_> {
         if weight > 0.0 { (sum / weight).sqrt() } else { 0.0 }
     }
 
-    /// Returns, for each channel of each capture, the logarithm of its factor; the logarithms of a channel sum up to 0.
+    /// Returns, for each channel of each capture, the logarithm of the factor that equalizes it. For each channel, the sum of the
+    /// logarithms over all captures is 0.
     fn gains(&self, samples: &[Sample], captures: usize) -> Vec<[f64; 3]> {
         let mut ratios: BTreeMap<[u32; 2], Vec<(f64, [f64; 3])>> = BTreeMap::new();
         for [a, b] in self.pairs(samples) {
@@ -224,15 +225,15 @@ impl Leveling<'_> {
     }
 }
 
-/// Stiffness of the springs at a vertex whose surroundings are all seen. For comparison, the edges of the membrane have a stiffness of
-/// about 1.
+/// Stiffness of the springs that pull a vertex to the captured color if all texels around the vertex are seen. For comparison, the edges of
+/// the membrane have a stiffness of about 1.
 const HOLD: f64 = 10.0;
 
 fn log(light: f64) -> f64 {
     libm::log(light.max(0.0) + DARK_OFFSET)
 }
 
-/// Returns the weighted median, and the sum of the weights.
+/// Returns the weighted median of pairs of weight and value, and the sum of the weights.
 fn weighted_median(values: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
     let mut sorted = Vec::from_iter(values);
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));

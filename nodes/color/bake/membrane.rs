@@ -16,7 +16,7 @@ pub(super) struct Membrane {
     pub(super) extent: f64,
 }
 
-/// Minimum weight of an edge; in a regular mesh it is 1 / sqrt 3.
+/// Minimum weight of an edge. For comparison, each edge of a mesh of equilateral triangles has the weight 1 / sqrt 3.
 const MIN_EDGE_WEIGHT: f64 = 0.05;
 
 /// Maximum weight of an edge, which is reached at nearly degenerate triangles.
@@ -74,7 +74,7 @@ impl Membrane {
         let mut own = vec![0.0; springs.len()];
         for (vertex, links) in self.links.iter().enumerate() {
             let sum: f64 = links.iter().map(|it| it.1).sum();
-            // A vertex without faces gets an arbitrary value.
+            // Keep the equation of a vertex without faces solvable; the value of such a vertex is arbitrary.
             own[vertex] =
                 if links.is_empty() && springs[vertex] == 0.0 { 1.0 } else { springs[vertex] };
             matrix.indices.push(vertex as u32);

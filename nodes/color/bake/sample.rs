@@ -5,7 +5,7 @@
 pub(super) struct Sample {
     pub(super) texel: u32,
     pub(super) capture: u32,
-    /// The weight relative to other samples.
+    /// The weight of the sample relative to other samples at the texel.
     pub(super) weight: f32,
     /// Confidence that the capture sees the texel: 0 to 1.
     pub(super) sure: f32,

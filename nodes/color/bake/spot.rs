@@ -14,12 +14,12 @@ pub(super) struct Spot {
     pub(super) area: f64,
 }
 
-/// Minimum cosine of the angle between the normals of a face and of its vertex on a smooth surface; a smaller cosine indicates a sharp
-/// edge.
+/// Minimum cosine of the angle between the normal of a face and the normal at one of its vertices on a smooth surface; a smaller cosine
+/// indicates a sharp edge.
 const EDGE: f64 = 0.75;
 
 impl Spot {
-    /// Returns the points of all texels of a mesh with `uv` at its corners.
+    /// Returns, for each texel, the point of the mesh that it shows. The mesh must have `uv` at its corners.
     pub(super) fn of_all(mesh: &Mesh, texels: &Texels) -> Vec<Self> {
         let (corners, normals) = (mesh.faces().corners(), mesh.vertex_normals());
         let uv = mesh.corner().pairs("uv").expect("texture coordinates");

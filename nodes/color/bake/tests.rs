@@ -42,7 +42,8 @@ fn ball() -> Mesh {
 /// The light is multiplied by `exposure`, and by a factor that differs from 1 by up to `slope` from left to right.
 fn shot(degrees: f64, exposure: [f64; 3], slope: f64) -> Mesh {
     let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), degrees.to_radians());
-    // The camera looks along its z axis and has y down. Therefore it is flipped, moved back by its distance, and rotated around the sphere.
+    // A camera looks along its z axis, with y down. Therefore flip the camera, move it back from the sphere, and rotate it around the
+    // sphere.
     let over = Rotation3::from_axis_angle(&Vector3::x_axis(), PI);
     let pose = Isometry3::from_parts(Translation3::identity(), (turn * over).into())
         * Translation3::new(0.0, 0.0, -150.0);
@@ -140,7 +141,7 @@ fn equal_captures_give_the_paint() {
     let captures = [0.0, 90.0, 180.0, 270.0].map(|angle| shot(angle, EQUAL, 0.0));
     let baked = bake_captures(&captures, Level::None);
     assert!(color_error(&baked) < 1.5, "{}", color_error(&baked));
-    // All of the ball except its poles is visible.
+    // All of the sphere except for its poles is visible.
     assert!(0.0 < baked.unseen && baked.unseen < 0.12, "{}", baked.unseen);
     assert!(baked.steps[0] < 1.5, "{:?}", baked.steps);
 }
@@ -203,7 +204,7 @@ fn the_camera_of_a_moved_capture_follows_from_its_texture_coordinates() {
 fn what_is_not_seen_has_the_colors_around_it() {
     let front = bake_captures(&[shot(0.0, EQUAL, 0.0)], Level::Smooth);
     assert!((0.5..0.75).contains(&front.unseen), "{}", front.unseen);
-    // The texture has no color of the background, and no color that is darker or lighter than the paint.
+    // No texel has the color of the background, and none is darker or lighter than the paint.
     let range = [0.1, 0.4].map(channel);
     for pixel in front.picture.pixels() {
         assert!(

@@ -14,7 +14,7 @@ use super::camera::Camera;
 use super::sample::Sample;
 use super::spot::Spot;
 
-/// A capture in the coordinates of the mesh.
+/// A capture that was moved into the coordinates of the baked mesh.
 pub(super) struct View<'a> {
     number: usize,
     mesh: Mesh,
@@ -31,18 +31,18 @@ pub(super) struct View<'a> {
     pub(super) tolerance: f64,
 }
 
-/// Default lengths in multiples of the spacing of a capture's points: the maximum distance between the mesh and the capture, and the width
-/// of the border in which weights are reduced.
+/// Default lengths, in multiples of the spacing of a capture's points. `TOLERANCE` is the maximum distance between the baked mesh and the
+/// capture; `FEATHER` is the width of the capture's border in which weights are reduced.
 const TOLERANCE: f64 = 3.0;
 const FEATHER: f64 = 5.0;
 
-/// Cosines of the viewing angle: at the first a capture has no weight, from the second on it has full weight.
+/// Two cosines of the viewing angle: at the first cosine or less, a capture has no weight; at the second or more, it has full weight.
 const GRAZING_COSINES: [f64; 2] = [0.1, 0.35];
 
 /// Width in pixels of the border of the picture in which weights are reduced.
 const MARGIN: f64 = 4.0;
 
-/// Points processed between two checks for cancellation.
+/// Number of points that are processed between two checks for cancellation.
 const BLOCK: usize = 1 << 16;
 
 impl<'a> View<'a> {
@@ -127,7 +127,7 @@ impl<'a> View<'a> {
         Ok(Self { number, mesh, tree, picture, camera, side, around, inside, feather, tolerance })
     }
 
-    /// Adds samples of the capture at all points that it sees.
+    /// Adds the samples of this capture at all points that the capture sees.
     pub(super) fn sample(
         &self,
         spots: &[Spot],
@@ -202,7 +202,8 @@ impl<'a> View<'a> {
         Some((off, corners.iter().zip(shares).map(|(&it, share)| self.inside[it] * share).sum()))
     }
 
-    /// Returns the number of pixels per mm perpendicular to the line of sight.
+    /// Returns the number of the picture's pixels per mm at a point, measured perpendicular to the line of sight; `None` if it cannot be
+    /// computed.
     fn density(&self, place: Point3<f64>, towards: Vector3<f64>, pixel: [f64; 2]) -> Option<f64> {
         let aside = Vector3::ith(towards.iamin(), 1.0).cross(&towards).try_normalize(0.0)?;
         let step = 0.01 * self.tolerance;
@@ -211,7 +212,7 @@ impl<'a> View<'a> {
         Some((x * x + y * y).sqrt() / step)
     }
 
-    /// Updates `nearest`, the distance of the nearest capture from each point.
+    /// Updates `nearest`, the distance from each point to the nearest capture, by the distances to this capture.
     pub(super) fn approach(&self, places: &[Point3<f64>], nearest: &mut [f64]) {
         for (least, found) in nearest.iter_mut().zip(self.tree.nearest_to_all(places)) {
             *least = least.min(found.map_or(f64::INFINITY, |it| it.distance_sq.sqrt()));
@@ -219,7 +220,7 @@ impl<'a> View<'a> {
     }
 }
 
-/// Returns the value of a smooth step from 0 to 1.
+/// Returns a smooth step function of `x`, which rises from 0 at 0 to 1 at 1.
 fn smooth(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)

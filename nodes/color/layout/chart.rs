@@ -10,16 +10,16 @@ use super::segment::NONE;
 
 /// Faces connected by their sides, and the positions of their corners in the plane.
 pub(super) struct Chart {
-    /// The faces, in ascending order.
+    /// The indices of the chart's faces in the mesh, in ascending order.
     pub(super) faces: Vec<u32>,
     /// The chart's vertex at each corner of the faces, face by face. Corners share a vertex only if the faces around it are connected
     /// within the chart; a seam within the chart may therefore open.
     pub(super) corners: Vec<u32>,
     /// The polygons divided as fans, with the indices of the chart's vertices; degenerate triangles are left out.
     pub(super) triangles: Vec<[u32; 3]>,
-    /// Positions of the vertices in space, in mm.
+    /// Positions of the chart's vertices in space, in mm.
     positions: Vec<Point3<f64>>,
-    /// Positions of the vertices in the plane, in mm.
+    /// Positions of the chart's vertices in the plane, in mm.
     pub(super) flat: Vec<Vector2<f64>>,
 }
 
@@ -27,7 +27,7 @@ pub(super) struct Chart {
 const THIN: f64 = 1e-9;
 
 impl Chart {
-    /// Returns the chart of some faces, in ascending order, projected along its mean normal.
+    /// Returns the chart of the given faces, which are in ascending order, projected along the mean normal of the chart.
     pub(super) fn new(mesh: &Mesh, opposites: &[u32], of_corner: &[u32], faces: Vec<u32>) -> Self {
         let all = mesh.faces();
         let mut starts = Vec::with_capacity(faces.len());
@@ -180,7 +180,7 @@ impl Chart {
 /// Number of steps of relaxation: a few suffice for a nearly flat chart.
 const STEPS: usize = 20;
 
-/// The shape of a triangle, in its own plane.
+/// The undistorted shape of a triangle, in the triangle's own plane.
 struct Shape {
     corners: [Vector2<f64>; 3],
     /// The cotangents of the triangle's angles.

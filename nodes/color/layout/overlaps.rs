@@ -52,7 +52,7 @@ pub(crate) fn overlap(triangles: &[[Vector2<f64>; 3]]) -> Option<[u32; 2]> {
         for (k, &a) in lists.list(own).iter().enumerate() {
             for &b in &lists.list(own)[k + 1..] {
                 let [one, other] = [a, b].map(|it| boxes[it as usize]);
-                // Each pair is tested once, in the cell where the intersection of the two bounding boxes begins.
+                // Test each pair only once: in the cell that contains the lower corner of the intersection of the two bounding boxes.
                 let [column, row] = cell_of(one[0].sup(&other[0]), &whole, size, counts);
                 let is_apart = (0..2)
                     .any(|axis| one[1][axis] <= other[0][axis] || other[1][axis] <= one[0][axis]);

@@ -21,7 +21,7 @@ pub(super) struct PackedCharts {
 /// Maximum number of positions that are tried along each side of the square: a multiple of 64.
 const PLACES: usize = 512;
 
-/// Factor by which charts shrink until they fit.
+/// Factor by which all charts are shrunk repeatedly until they fit.
 const SHRINK: f64 = 0.95;
 
 /// Fraction of the square's area that the charts fill at the scale that is tried first.
@@ -33,9 +33,10 @@ const HALVINGS: usize = 3;
 /// Packs all charts into a square of `size` texels, with `padding` texels between two charts and half of that at the border. All charts
 /// have one scale, the largest that is found. The result is `None` if the charts do not fit.
 ///
-/// Long charts are placed first. Each is placed in one of four orientations at the position where its top is lowest. Order and criterion
-/// are those of Levy, Petitjean, Ray and Maillot, "Least squares conformal maps for automatic texture atlas generation" (2002), section 4.
-/// Unlike in that paper, all blocks that a chart covers are tracked, so that small charts fill the gaps of large ones.
+/// Long charts are placed first. Each chart is placed in that of four orientations, and at that position, where its top is lowest. This
+/// order and this criterion are those of Levy, Petitjean, Ray and Maillot, "Least squares conformal maps for automatic texture atlas
+/// generation" (2002), section 4. Unlike in that paper, all blocks that a chart covers are tracked, so that small charts fill the gaps of
+/// large ones.
 pub(super) fn pack(
     pieces: &[Piece<'_>],
     size: usize,
@@ -57,7 +58,7 @@ pub(super) fn pack(
     let longest = order.first().map_or(1.0, |&k| heights[k]);
     let mut scale = side * square.block * (INITIAL_FILL / area).sqrt().min(1.0 / longest);
     let mut found = None;
-    // This many steps shrink charts far below their minimum size.
+    // After this many steps, all charts are far below their minimum size.
     for _ in 0..200 {
         found = square.place(&pieces, &order, scale, progress)?;
         if found.is_some() {
@@ -185,7 +186,7 @@ type Run = [usize; 3];
 
 #[derive(Clone, Copy)]
 struct Spot {
-    /// The number of counter-clockwise quarter rotations.
+    /// The number of quarter rotations, counter-clockwise, by which the chart is placed.
     turn: usize,
     /// The block (column, row) at the lower left corner of the chart.
     at: [usize; 2],
@@ -209,9 +210,9 @@ impl Square {
         progress: &Progress<'_>,
     ) -> Result<Option<Vec<Spot>>, CancelledError> {
         let mut taken = vec![Row::default(); self.blocks];
-        // For each row, the length of its longest run of free blocks.
+        // For each row of blocks, the length of the longest run of free blocks in the row.
         let mut longest = vec![self.blocks; self.blocks];
-        // The size of the last piece that was searched from the lowest row, and the row in which it was placed.
+        // The size of the last piece whose search began at the lowest row, and the row in which that piece was placed.
         let (mut searched, mut begin) = ([usize::MAX / 9; 2], 0);
         let mut spots = vec![Spot { turn: 0, at: [0, 0] }; pieces.len()];
         for &index in order {
@@ -230,7 +231,7 @@ impl Square {
             for turn in 0..4 {
                 let [width, height] = if turn % 2 == 0 { counts } else { [counts[1], counts[0]] };
                 let mut runs = rotate(&runs, counts, turn);
-                // The longest run is tried first, because it fits least often.
+                // Test the longest run of blocks first, because it fits least often.
                 runs.sort_by_key(|run| (self.blocks - run[2], run[0]));
                 let most = best.as_ref().map_or(self.blocks, |best| best.0 - 1);
                 let Some(last) = most.checked_sub(height) else { continue };
@@ -242,7 +243,7 @@ impl Square {
                 }
             }
             let Some((_, spot, runs)) = best else { return Ok(None) };
-            // A piece of similar size does not fit below this row, either.
+            // Begin the next search at this row: a piece of similar size does not fit below it, either.
             begin = spot.at[1];
             for [row, first, count] in runs {
                 let row = spot.at[1] + row;

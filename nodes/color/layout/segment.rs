@@ -46,15 +46,15 @@ struct Cluster {
     area: f64,
     /// The sum of the faces' area vectors. Its length equals the area for a flat cluster, and is smaller for a bent one.
     vector: Vector3<f64>,
-    /// The length of the cluster's border.
+    /// The length of the cluster's border, in mm.
     rim: f64,
-    /// The length of the common border with each neighbor.
+    /// The length of the common border with each neighboring cluster, in mm.
     around: BTreeMap<u32, f64>,
-    /// The number of changes of the cluster; it identifies outdated pairs in the queue.
+    /// The number of changes of the cluster. By this number, outdated pairs in the queue are recognized.
     version: u32,
 }
 
-/// Two clusters that may be merged.
+/// A candidate for merging: two neighboring clusters and the cost of merging them.
 struct Merging {
     cost: f64,
     pair: [u32; 2],
@@ -140,7 +140,7 @@ pub(super) fn segment(
     let mut sets = UnionFind::new(clusters.len());
     let mut done = 0usize;
     while let Some(Merging { pair: [a, b], versions, .. }) = heap.pop() {
-        // Skip an outdated pair: one of its clusters has changed since it was queued.
+        // Skip an outdated pair: one of its clusters has changed since the pair was queued.
         if [a, b].map(|it| clusters[it as usize].version) != versions {
             continue;
         }
@@ -164,7 +164,7 @@ pub(super) fn segment(
     Ok((0..count).map(|chart| lists.list(chart).to_vec()).filter(|it| !it.is_empty()).collect())
 }
 
-/// Returns the length of each side.
+/// Returns the length of each side of each face, in mm.
 fn side_lengths(mesh: &Mesh) -> Vec<f64> {
     fn place(vertex: &u32, mesh: &Mesh) -> nalgebra::Point3<f64> {
         mesh.positions()[*vertex as usize]

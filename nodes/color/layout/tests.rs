@@ -86,7 +86,7 @@ fn sheet([n, m]: [u32; 2], is_closed: bool, place: impl Fn(f64, f64) -> [f64; 3]
 }
 
 fn torus(n: u32, m: u32) -> Mesh {
-    // The surface is closed in one direction and cut open in the other.
+    // The surface is a torus that is closed in the first direction and cut open along a circle in the second direction.
     sheet([n, m], true, |u, v| {
         let ((s, c), (t, d)) = (libm::sincos(TAU * u), libm::sincos(TAU * v));
         [(40.0 + 15.0 * d) * c, (40.0 + 15.0 * d) * s, 15.0 * t]
@@ -171,7 +171,7 @@ fn a_triangle_and_what_is_not_manifold_have_charts() {
     let layout = Layout { size: 64, ..Layout::default() };
     let one = lie(&fin(vec![[0, 1, 2]], &places), &layout);
     assert_eq!(one.charts, 1);
-    // The triangle has the largest possible scale: its legs are along the sides of the square.
+    // The chart of the triangle has the largest possible scale: the legs of the triangle are along the sides of the square.
     assert!(one.scale > 64.0 - 4.0 - 4.0, "{}", one.scale);
     // Three faces meet at one edge, and a neighbor has the opposite orientation.
     assert_eq!(lie(&fin(vec![[0, 1, 2], [0, 1, 3], [1, 0, 4]], &places), &layout).charts, 3);

@@ -46,7 +46,7 @@ pub(crate) struct FieldInputs {
     /// The handles of the group; `None` for the deformation before the drag.
     group: Option<[Option<usize>; GROUP_SIZE]>,
     derivatives: bool,
-    /// The maximum error of a point in mm.
+    /// The maximum allowed error of a point in mm in the deformation before the drag. The fields of handles are exact.
     error: f64,
 }
 
@@ -152,7 +152,7 @@ impl Drag {
         Ok((rebuild(&self.object, field)?, report))
     }
 
-    /// Adds the displacements that the steps of the dragged handles cause, group by group, to the positions before the drag.
+    /// Adds to the positions before the drag the displacements that the steps of the dragged handles cause, group by group.
     fn add(
         &self,
         steps: &[Matrix3<f64>],
@@ -184,7 +184,8 @@ impl Drag {
 }
 
 impl PreparedHandles {
-    /// Replaces the targets of those handles for whose layout index `may_change` is true.
+    /// Replaces the targets of handles by `targets` (handle index, position). Targets of handles for whose layout index `may_change`
+    /// returns false are ignored.
     pub(crate) fn with_targets(
         mut self,
         targets: &[(usize, Point3<f64>)],
@@ -199,7 +200,7 @@ impl PreparedHandles {
         Ok(self)
     }
 
-    /// Returns the index in the layout of a handle, given by its original index.
+    /// Returns the index that a handle has in the layout, given the handle's original index (before equal handles were merged).
     fn layout_index(&self, handle: usize) -> Result<usize, Error> {
         let handles = self.layout_indices.len();
         self.layout_indices.get(handle).copied().ok_or_else(|| missing_handle(handle, handles))
@@ -213,7 +214,7 @@ pub(crate) fn missing_handle(handle: usize, handles: usize) -> Error {
     ))
 }
 
-/// Computes the fields of a group of handles, as the cache expects it.
+/// Computes the fields of a group of handles, with the signature that the cache expects.
 pub(crate) fn memo(inputs: &FieldInputs) -> Result<FieldValues, Error> {
     inputs.make()
 }

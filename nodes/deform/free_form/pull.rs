@@ -178,7 +178,7 @@ pub(crate) fn deformation(prepared: &PreparedHandles, system: &System) -> Deform
 }
 
 impl Layout {
-    /// Returns the initial coefficient of a handle along an axis. The solution of the linear system is added to it.
+    /// Returns the initial coefficient of a handle along an axis. The solution of the linear system is added to this initial coefficient.
     fn initial_coefficient(&self, index: usize, axis: usize) -> f64 {
         match self.mode {
             Mode::Absolute => self.positions[index][axis],
@@ -245,8 +245,8 @@ fn relevant_cells(deformation: &Deformation, points: &[Point3<f64>], error: f64)
     let bounds = super::object::bounds_of(points)?;
     let values: Vec<Vector3<f64>> =
         deformation.terms.iter().map(|term| term.value.into()).collect();
-    // Without a background the weights sum up to 1, so a value common to all coefficients does not depend on the ignored terms. Subtract
-    // it.
+    // Without a background the weights sum up to 1, so a value common to all coefficients contributes the same with or without the ignored
+    // terms. Subtract this common value.
     let common = if deformation.background > 0.0 {
         Vector3::zeros()
     } else {

@@ -31,7 +31,7 @@ impl Boxes {
         Self { boxes: boxes.into(), points: points.len() }
     }
 
-    /// Computes the boxes of the rows of points, as the cache expects it.
+    /// Computes the bounding boxes of the rows of points, with the signature that the cache expects.
     pub(crate) fn memo(places: &MemoPoints) -> Result<Self, Error> {
         Ok(Self::new(&places.0))
     }

@@ -21,7 +21,7 @@ pub(crate) struct Cells {
     /// list.
     lists: Vec<u16>,
     starts: Vec<u32>,
-    /// True if powers of 2 may be computed approximately.
+    /// True if the allowed error is large enough to compute powers of 2 approximately.
     is_rough: bool,
 }
 
@@ -86,7 +86,8 @@ impl Cells {
         }
     }
 
-    /// Returns the number of points to pass to [`Cells::apply`] at once, so that each cell contains enough of them.
+    /// Returns the number of points to pass to [`Cells::apply`] at once, so that each cell gets enough of these points to fill the SIMD
+    /// lanes.
     pub(crate) fn chunk(&self) -> usize {
         POINTS_PER_CHUNK_AND_CELL * (self.starts.len() - 1)
     }
@@ -131,7 +132,7 @@ impl Cells {
         }
     }
 
-    /// Returns the indices of the points sorted by cell, and the end of each cell's range in this list.
+    /// Returns the indices of the points sorted by cell, and for each cell the end of its range in this list.
     fn sort_by_cell(&self, points: &[Point3<f64>]) -> (Vec<u32>, Vec<u32>) {
         let mut cells = vec![0; points.len()];
         widest(CellNumbers { cells: self, points, numbers: &mut cells });
@@ -191,7 +192,7 @@ fn relevant_terms(
     let Some((_, greatest)) = greatest.reduce(|a, b| if b.0 > a.0 { b } else { a }) else {
         return Vec::new();
     };
-    // Each term's index, and the logarithm of the maximum in the box of its ratio to the greatest term.
+    // For each term its index, and the logarithm of the maximum, in the box, of the ratio of this term to the greatest term.
     let mut terms: Vec<_> = (0..)
         .zip(terms.iter().map(|term| {
             let [x, y, z] =

@@ -71,7 +71,8 @@ impl Base {
     }
 }
 
-/// Minimum reliable sum of powers. Below it, some terms may have underflowed (the minimum power is 2^-1022), and the sum is computed again.
+/// Minimum reliable sum of powers. If the sum is less, some terms may have underflowed (the minimum power is 2^-1022), and the sum is
+/// computed again.
 const MIN_TOTAL: f64 = 1e-150;
 
 /// The number of points that are computed together: enough for independent operations, and few enough to stay in registers.
@@ -284,7 +285,7 @@ impl Work for Positions<'_> {
 /// A buffer of point coordinates. It is filled before any point is computed, so that the memory accesses overlap.
 pub(crate) type PointBuffer = [[Lanes<LANES>; 3]; 8];
 
-/// A buffer whose coordinates are all 0.
+/// A point buffer with all coordinates 0.
 pub(crate) const EMPTY_BUFFER: PointBuffer = [[Lanes::ZERO; 3]; 8];
 
 /// Computes the new positions of those points whose indices are `members`.

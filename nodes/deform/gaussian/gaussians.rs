@@ -50,7 +50,8 @@ pub(crate) struct Gaussians {
     pub(crate) background: f64,
 }
 
-/// The minimum factor of a [`Bump`]. It keeps squares finite, but with it even points next to the center are outside of the Gaussian.
+/// The minimum factor of a [`Bump`]. The limit keeps squares finite. It has no visible effect, since a Gaussian with this factor is
+/// practically 0 everywhere except at its center.
 const MIN_FACTOR: f64 = -1e300;
 
 impl Gaussians {

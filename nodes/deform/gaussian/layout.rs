@@ -35,7 +35,8 @@ pub(crate) struct PreparedHandles {
     pub(crate) diagonal: f64,
 }
 
-/// Two handles closer to each other than this many deviations count as one: their equations would differ by rounding errors only.
+/// Two handles closer to each other than this many of their standard deviations count as one: their equations would differ by rounding
+/// errors only.
 const SAME_POSITION: f64 = 1e-6;
 
 /// Two targets closer to each other than this fraction of the box's diagonal count as equal.

@@ -106,7 +106,7 @@ impl System {
         Ok(Self { lu, handles: n, regularized, polynomial })
     }
 
-    /// Like [`System::new`], as the cache expects it.
+    /// Like [`System::new`], with the signature that the cache expects.
     pub(crate) fn memo(layout: &Layout) -> Result<Self, Error> {
         Self::new(layout)
     }

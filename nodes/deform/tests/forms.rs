@@ -55,7 +55,7 @@ fn points_far_away_follow_the_nearest_handle() {
 
 #[test]
 fn vanishing_sums_are_continuous() {
-    // The second point moves across the distance at which the sums of the Gaussians underflow.
+    // The positions of the second point are on both sides of the distance at which the sums of the Gaussians underflow.
     let handles = vec![
         handle(Point3::origin(), Point3::new(0.1, 0.0, 0.0), [0.05; 3]),
         handle(Point3::new(0.1, 0.0, 0.0), Point3::new(0.1, 0.1, 0.0), [0.05; 3]),
@@ -141,7 +141,8 @@ fn the_affine_form_reproduces_affine_motions_of_handles() {
 
 #[test]
 fn the_affine_form_uses_fewer_directions_for_flat_handles() {
-    // The handles are in a plane, on a line, a single one, or two at the same height. Each set must reproduce its own class of motions.
+    // The sets of handles are: several in a plane, several on a line, a single one, and two at the same height. Each set must reproduce a
+    // class of motions.
     let plane = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [1., 1., 0.], [0.3, 0.6, 0.]];
     let line = [[0.; 3], [0.5, 0.25, 0.], [1., 0.5, 0.]];
     for positions in [&plane[..], &line, &plane[..1], &plane[..2]] {
@@ -211,7 +212,7 @@ fn regularization_solves_singular_systems_and_reports_the_residual() {
     let ((calm, some), (_, more)) = (with(0.01), with(1.0));
     assert!(0.0 < some.residual && some.residual < more.residual && more.residual < 0.3);
     assert!(farthest(&calm, &points) < 1.0, "{}", farthest(&calm, &points));
-    // Compare the result with that of the normal equations, whose condition number is the square.
+    // Compare the result with that of the normal equations, whose condition number is the square of the system's.
     let layout = layout(&handles, Mode::Displacement);
     let gaussians = layout.gaussians();
     let n = handles.len();

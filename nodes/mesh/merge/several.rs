@@ -2,7 +2,8 @@
 
 use maquette_value::{Attribute, MATERIAL_ATTRIBUTE, Material, Mesh, MeshError};
 
-/// Returns the mesh with texture coordinates at its corners and a color at each vertex, because the other merged meshes may have them.
+/// Returns the mesh with texture coordinates at its corners and a color at each vertex: default values if it has none. Merging needs them
+/// if another mesh has them.
 pub(super) fn prepare(mesh: &Mesh) -> Result<Mesh, MeshError> {
     let corners = mesh.faces().corners();
     let uv = match (mesh.corner().pairs("uv"), mesh.vertex().pairs("uv")) {

@@ -6,7 +6,7 @@ use maquette_value::Mesh;
 
 /// The connected parts of a mesh. Two faces are connected if they share an edge that no third face uses.
 pub(super) struct Sheets {
-    /// The number of the part that contains each face.
+    /// For each face, the number of the connected part that contains it.
     pub(super) of_face: Vec<u32>,
     /// Marks the faces that are flipped to make each part consistent: fewer than half of the faces of a part.
     pub(super) is_turned: Vec<bool>,
@@ -20,7 +20,7 @@ impl Sheets {
     /// Finds the connected parts of a mesh, and the faces to reverse so that each part is consistently oriented.
     ///
     /// # Errors
-    /// Returns an error if a part is not orientable.
+    /// Returns an error if a part is not orientable, such as a Moebius strip.
     pub(super) fn new(mesh: &Mesh) -> Result<Self, Error> {
         let (edges, count) = (mesh.edges(), mesh.faces().len());
         // For each edge, the faces that use it. The flag is true if the face runs along the edge from the vertex with the lower index to
@@ -70,7 +70,7 @@ impl Sheets {
                 }
             }
             if let Some(&first) = torn.iter().min() {
-                // Each inconsistent edge was counted from both of its faces.
+                // Each edge with inconsistently oriented faces was counted twice, once from each face.
                 let (faces, count) = (flooded.len(), torn.len() / 2);
                 let [a, b] = edges.vertices[first];
                 let positions = mesh.positions();

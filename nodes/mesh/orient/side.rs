@@ -11,8 +11,8 @@ use super::sheets::Sheets;
 /// Minimum and maximum number of faces that are sampled on an open part. Between these limits, [`SOLID_ANGLES`] determines the number.
 const SAMPLED_FACES: std::ops::RangeInclusive<usize> = 16..=256;
 
-/// Maximum number of solid angles that are computed for an open part, within the limits of [`SAMPLED_FACES`]. Computing them takes half a
-/// second on one thread.
+/// Maximum number of solid angles that are computed for an open part, within the limits of [`SAMPLED_FACES`]. Computing this many takes
+/// half a second on one thread.
 const SOLID_ANGLES: usize = 1 << 23;
 
 /// Minimum absolute winding number of an open part for which an outside is determined. The winding number of a plane is 0, except for
@@ -91,7 +91,7 @@ fn winding(mesh: &Mesh, faces: &[u32], at: Point3<f64>, on: Option<u32>) -> f64 
     halves.sum::<f64>() / std::f64::consts::TAU
 }
 
-/// Returns the mean winding number of an open part at its own faces; 0 if it is too small to be decisive.
+/// Returns the mean winding number of an open part at its own faces; 0 if the winding number is too small to determine an outside.
 ///
 /// Seen from a point on a face, the face itself has the solid angle 0, so the winding number is the mean of the values on both sides of the
 /// face. For a closed surface, this is half of the value inside.

@@ -29,7 +29,7 @@ fn flip(mesh: &Mesh, faces: &[usize]) -> Mesh {
     flip_faces(mesh, &flags).unwrap()
 }
 
-/// Returns a height field of triangles over a square of 2 x 2, seen along z.
+/// Returns a height field of triangles over the square from -1 to 1 along x and y.
 fn net(height: impl Fn(f64, f64) -> f64) -> Mesh {
     let side = 9;
     fn coordinate(k: u32, side: u32) -> f64 {

@@ -51,7 +51,7 @@ pub(super) struct Places {
     /// The number of rows along y and along z.
     side: i32,
     places: Vec<[u16; 3]>,
-    /// The first index of each row (z, y), and the end of the last row.
+    /// The index of each row's first position, ordered by z, then y; followed by the end of the last row.
     rows: Vec<u32>,
 }
 
@@ -81,7 +81,7 @@ impl Places {
         self.places[number].map(i32::from)
     }
 
-    /// Returns the indices of the positions in a row.
+    /// Returns the range of indices of the positions in a row.
     pub(super) fn row(&self, y: i32, z: i32) -> Range<usize> {
         if y < 0 || z < 0 || y >= self.side || z >= self.side {
             return 0..0;
@@ -110,7 +110,8 @@ impl Places {
         })
     }
 
-    /// Returns the indices of the eight corners of a cell, if all exist; corner `k` is offset by the bits of `k`, x first.
+    /// Returns the indices of the nodes at the eight corners of a cell; `None` if one is not in the set; corner `k` is offset by the bits
+    /// of `k`, x first.
     pub(super) fn corners(&self, [x, y, z]: CellIndex) -> Option<[usize; 8]> {
         let mut corners = [0; 8];
         for k in 0..4 {
@@ -163,7 +164,7 @@ impl Places {
         Self::new(side, layers.concat())
     }
 
-    /// Returns all positions of a cube.
+    /// Returns the set of all positions of a cube with `side` positions along each axis.
     pub(super) fn full(side: i32) -> Self {
         let count = side * side * side;
         Self::new(

@@ -12,7 +12,7 @@ pub(super) struct Cloud {
     pub(super) normals: Vec<Vector3<f64>>,
     /// Unit vectors towards the sensor; zero vectors if the sensor is unknown.
     pub(super) views: Vec<Vector3<f64>>,
-    /// A color for each point, if all sources have colors.
+    /// The color of each point; `None` unless all sources have colors.
     pub(super) colors: Option<Vec<Rgb>>,
     /// The weight of each point, 1 on average; empty if all weights are equal.
     pub(super) weights: Vec<f64>,
@@ -21,11 +21,12 @@ pub(super) struct Cloud {
 /// Name of the point attribute from which weights are read.
 const CONFIDENCE: &str = "confidence";
 
-/// Minimum weight of a point: a mean needs positive weights.
+/// Minimum weight of a point; lower weights are raised to it, since a mean needs positive weights.
 const MIN_WEIGHT: f64 = 1e-6;
 
 impl Cloud {
-    /// Collects the points of all sources, moved by their poses if there are some. Normals are dropped unless `normals` is true.
+    /// Collects the points of all sources. Each source is moved by its pose, unless that is `None`. Normals are dropped unless `normals` is
+    /// true.
     pub(super) fn new(
         sources: &[Scattered],
         poses: &[Option<Matrix4<f64>>],
@@ -53,7 +54,8 @@ impl Cloud {
         cloud
     }
 
-    /// Reads the weights of points from sources that have some. Other points have the weight 1.
+    /// Reads the weights of points from the attribute `confidence` of their sources. Points of sources without this attribute have the
+    /// weight 1.
     fn weigh(&mut self, sources: &[Scattered]) {
         if !sources.iter().any(|source| match source {
             Scattered::RangeImage(_) => false,

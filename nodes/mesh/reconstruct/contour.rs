@@ -69,7 +69,7 @@ fn intersected_cells(field: &Field, progress: &Progress<'_>) -> Result<(Places, 
     let mut coarse: Vec<CellIndex> = Vec::new();
     for from in 0..=depth {
         let grid = &field.grids[from as usize];
-        // The cells of this grid, and the cells of the same size inside of cells of coarser grids.
+        // The intersected cells of this depth's grid, and the cells of the same size inside of intersected cells of coarser grids.
         let own = (0..grid.nodes.len()).into_par_iter().filter_map(|node| {
             let place = grid.nodes.place(node);
             let corners = grid.nodes.corners(place)?;
@@ -109,7 +109,7 @@ fn corners_of([x, y, z]: CellIndex) -> [CellIndex; 8] {
     })
 }
 
-/// The values at the nodes: above 0 inside, below 0 outside.
+/// The values of the function at the nodes, minus the value at the surface: above 0 inside, below 0 outside.
 struct Signs<'a> {
     field: &'a Field,
     nodes: &'a Places,
@@ -139,7 +139,7 @@ impl Signs<'_> {
     }
 
     /// Returns the cells that the surface intersects after the nodes in `taken_in` have become inner nodes. `before` contains the cells
-    /// that it intersects without this change.
+    /// that the surface intersects without this change.
     fn cells(&self, before: &Places) -> Places {
         let mut cells: BTreeMap<[i32; 3], CellIndex> = BTreeMap::new();
         let changed = self.taken_in.iter().flat_map(|&[x, y, z]| corners_of([x - 1, y - 1, z - 1]));
@@ -178,7 +178,7 @@ fn compose(
         if composed[mask(&corners)] {
             continue;
         }
-        // Nodes at the border of the cube stay outside; otherwise the surface would be open.
+        // Nodes at the border of the cube must stay outside; otherwise the surface would be open.
         let last = 1 << field.cube.depth;
         let outside = (0..8)
             .filter(|&k| corners[k] <= 0.0)
@@ -233,7 +233,7 @@ fn middle(place: CellIndex, values: &[f64; 8]) -> [f64; 3] {
     [0, 1, 2].map(|axis| f64::from(place[axis]) + sum[axis] / count)
 }
 
-/// Returns the quads that cross those three edges of a cell that begin at its lowest node.
+/// Returns one quad for each edge that the surface crosses, of the three edges of a cell that begin at its lowest node.
 fn quads(cells: &Places, place: CellIndex, values: &[f64; 8]) -> Vec<[u32; 4]> {
     let mut quads = Vec::new();
     for axis in 0..3 {
@@ -247,7 +247,7 @@ fn quads(cells: &Places, place: CellIndex, values: &[f64; 8]) -> Vec<[u32; 4]> {
             cells.find(place).map(|cell| cell as u32)
         }
         let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
-        // The four cells around the edge, counter-clockwise seen from its end.
+        // The four cells around the edge, counter-clockwise seen from the end of the edge.
         let around = [
             step(&[], &place, cells),
             step(&[u], &place, cells),

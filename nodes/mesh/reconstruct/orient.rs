@@ -64,7 +64,7 @@ fn push_edges(
     }
 }
 
-/// Propagates the orientation along the cheapest edges of the queue, and returns the surfels that it reaches.
+/// Propagates the orientation along the cheapest edges of the queue, and returns the indices of the surfels that are reached.
 fn propagate(
     surfels: &mut [Surfel],
     neighbors: &Lists,
@@ -95,7 +95,7 @@ fn propagate(
 /// already consistent.
 fn bend(from: &Surfel, to: &Surfel) -> (f64, bool) {
     let way = to.on_plane - from.on_plane;
-    // Below this distance, the direction from one surfel to the other is random.
+    // If the two surfels are closer to each other than this distance, the direction from one to the other is random.
     let blur = BLUR * from.reach.max(to.reach);
     let square = (way.norm_squared() + blur * blur).max(f64::MIN_POSITIVE);
     let along = from.normal.dot(&way);
@@ -139,7 +139,7 @@ fn neighbors(pyramid: &Pyramid, surfels: &[Surfel]) -> Lists {
     Lists::collect(neighbors.iter())
 }
 
-/// Flips the normals of a part if they point inward where the part extends farthest.
+/// Flips all normals of a connected part if they point inward where the part extends farthest.
 fn orient_outward(surfels: &mut [Surfel], part: &[u32]) {
     let mut vote = 0.0;
     for k in (0..27).filter(|&k| k != 13) {

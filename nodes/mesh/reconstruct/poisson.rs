@@ -4,8 +4,8 @@
 //! reconstruction", 2006), and it should be 1/2 at the points (Kazhdan and Hoppe, "Screened Poisson surface reconstruction", 2013, section
 //! 4.1). It is a sum of trilinear functions on grids that are halved where the points are dense enough. Each depth is solved once, coarse
 //! grids first, and only around the points (section 5 of the second paper), with the coarser function on the border; therefore the sum is
-//! continuous. On the border of the cube it is 0, which closes its surface (Kazhdan, Chuang, Rusinkiewicz and Hoppe, "Poisson surface
-//! reconstruction with envelope constraints", 2020).
+//! continuous. On the border of the cube the function is 0, which closes the surface (Kazhdan, Chuang, Rusinkiewicz and Hoppe, "Poisson
+//! surface reconstruction with envelope constraints", 2020).
 //!
 //! Notation: `h` is the edge of a cell, `B_i` the trilinear function of node `i`, `K_ij` the integral of the product of the
 //! gradients of `B_i` and `B_j`.
@@ -25,13 +25,14 @@ pub(super) const SURFACE: f64 = 0.5;
 pub(super) const NODES: Limit =
     Limit { max: 20_000_000, items: "nodes", help: "choose a larger `spacing`, or fewer points" };
 
-/// Maximum depth at which a grid covers the whole cube.
+/// Maximum depth at which the grid covers the whole cube; finer grids exist only around the points.
 const WHOLE: u32 = 5;
 
 /// Maximum distance of neighboring points, in cells, for which a grid is solved. A finer grid would find no surface between the points.
 const SPARSEST: f64 = 1.6;
 
-/// Maximum number of conjugate gradient steps on a grid. The error that remains is smooth, and the coarser grids have corrected it already.
+/// Maximum number of conjugate gradient steps on a grid. The remaining error is smooth, and the coarser grids have already corrected smooth
+/// errors.
 const STEPS: usize = 24;
 
 /// The residual, relative to the initial one, at which the iteration on a grid stops.
@@ -50,7 +51,7 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// Solves for the function; `screening` is the weight of the value 1/2 at the points.
+    /// Solves for the function. `screening` is the weight of the condition that the function is 1/2 at the points.
     pub(super) fn solve(
         pyramid: &Pyramid,
         surfels: &[Surfel],
@@ -109,7 +110,7 @@ impl Field {
         nodes.flat_map_iter(|node| halves(node).into_iter().flatten()).collect()
     }
 
-    /// Returns the function at the nodes of a depth, interpolated from the coarser grids.
+    /// Returns the values of the function at the nodes of a depth, interpolated from the coarser grids.
     fn values_at(&self, nodes: &Places, depth: u32) -> Vec<f64> {
         (0..nodes.len())
             .into_par_iter()
@@ -144,7 +145,7 @@ impl Field {
         (0.0, Vector3::zeros())
     }
 
-    /// Returns the function at a point and its gradient, in 1/mm.
+    /// Returns the value of the function at a point, and its gradient there in 1/mm.
     pub(super) fn at_point(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
         let depth = self.cube.depth;
         let (value, gradient) =
@@ -168,7 +169,7 @@ fn gradient(values: &[f64; 8], within: [f64; 3]) -> Vector3<f64> {
     })
 }
 
-/// The surfels of a cell of one depth, combined.
+/// The sums over the surfels in a cell of one depth.
 #[derive(Clone, Copy)]
 struct Sum {
     cell: [u16; 3],
@@ -221,7 +222,7 @@ struct PoissonLevel {
     /// The cells in which the function is pulled to the surface value at a point: their corners, and the interpolation weights times the
     /// square root of the cell's weight.
     held: Vec<([u32; 8], [f64; 8])>,
-    /// For each node, the pulled cells that contain it, and the index of the cell's corner at the node.
+    /// For each node, the cells in `held` that have the node as a corner, each with the number of that corner.
     held_at: Lists<(u32, u8)>,
 }
 
@@ -316,8 +317,8 @@ impl PoissonLevel {
             .collect();
     }
 
-    /// Adds the equations that pull the function to the surface value at the surfels. Their weight grows as cells become smaller, in the
-    /// same way as the integrals.
+    /// Adds the equations that pull the function to the surface value at the surfels. The weight of these equations grows as cells become
+    /// smaller, in the same way as the integrals.
     fn screen(&mut self, sums: &[Sum], screening: f64) {
         self.held = sums
             .par_iter()

@@ -10,8 +10,8 @@ use super::contour::Skin;
 use super::poisson::{Field, SURFACE};
 use super::surfels::{Pyramid, Surfel, place};
 
-/// Number of rounds that move each vertex towards the centroid of its neighbors. After 4 rounds, edges still show the grid; after 12
-/// nothing improves.
+/// Number of rounds that move each vertex towards the centroid of its neighbors. After 4 rounds, the mesh's edges still show the grid; more
+/// than 12 rounds improve nothing.
 const ROUNDS: usize = 8;
 
 /// Moves each vertex along the surface to the centroid of its neighbors, and back onto the surface.
@@ -90,8 +90,8 @@ impl Neighbors {
 /// fold of the surface.
 const OFF_PLANE: f64 = 0.5;
 
-/// Returns, for each vertex, whether points support it: the nearest surfel is at most `reach` times the local spacing of points away, and
-/// the vertex is on the surfel's plane.
+/// Returns, for each vertex, true if points support it: the nearest surfel is at most `reach` times the local spacing of points away, and
+/// the vertex is near the surfel's plane.
 pub(super) fn find_supported(
     skin: &Skin,
     pyramid: &Pyramid,
@@ -107,7 +107,7 @@ pub(super) fn find_supported(
                 let layer = &pyramid.layers[depth as usize];
                 let edge = pyramid.cube.edge_at(depth);
                 let near = layer.cells.neighbors(place(&pyramid.cube, at, depth));
-                // For each surfel, the amount by which its distance exceeds the allowed distance.
+                // For each surfel nearby, the amount by which its distance from the vertex exceeds the allowed distance.
                 let excess = near.map(|cell| {
                     let surfel = &surfels[layer.finest[cell] as usize];
                     if surfel.normal == Vector3::zeros() {
@@ -132,8 +132,8 @@ pub(super) fn find_supported(
         .collect()
 }
 
-/// Removes connected components with hardly any supported vertex. They occur far from all points, where the values of the function are
-/// accidental.
+/// Removes connected components with hardly any supported vertex. Such components occur far from all points, where the values of the
+/// function are accidental.
 pub(super) fn drop_chance(skin: &mut Skin, supported: &mut Vec<bool>) {
     let parts = parts(skin);
     let n_parts = parts.iter().max().map_or(0, |&last| last as usize + 1);
@@ -150,7 +150,7 @@ pub(super) fn drop_chance(skin: &mut Skin, supported: &mut Vec<bool>) {
     compact(skin, supported);
 }
 
-/// Minimum fraction of a component's vertices that must be supported.
+/// Minimum fraction of a component's vertices that must be supported by points; other components are removed.
 const SUPPORTED: f64 = 0.05;
 
 /// Returns the component of each vertex; components are numbered by their first vertices.
@@ -208,7 +208,7 @@ pub(super) fn remove_unsupported(skin: &mut Skin, supported: &mut Vec<bool>) {
     smooth_borders(skin);
 }
 
-/// Moves each border vertex to the midpoint of its two neighbors on the border.
+/// Moves each border vertex halfway to the midpoint of its two neighbors on the border, `BORDER_ROUNDS` times.
 fn smooth_borders(skin: &mut Skin) {
     let mut sides: Vec<(u32, u32)> = skin
         .quads
@@ -240,5 +240,5 @@ fn smooth_borders(skin: &mut Skin) {
     }
 }
 
-/// Number of rounds of smoothing borders. Steps vanish after about four rounds, small bays after more.
+/// Number of rounds of smoothing borders. The steps of the grid vanish after about four rounds, small bays in the border after more.
 const BORDER_ROUNDS: usize = 6;

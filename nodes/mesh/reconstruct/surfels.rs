@@ -50,11 +50,12 @@ impl Moments {
 pub(super) struct Layer {
     pub(super) cells: Places,
     pub(super) moments: Vec<Moments>,
-    /// For each cell, the finest cell that represents it: the one with the most points.
+    /// For each cell, the index of the finest cell that represents it: among the finest cells inside of the cell, the one with the most
+    /// points.
     pub(super) finest: Vec<u32>,
 }
 
-/// The points in cells of all depths.
+/// All points, sorted into the cells of the cube at every depth (cell size).
 pub(super) struct Pyramid {
     pub(super) cube: Cube,
     /// The occupied cells of each depth.
@@ -168,7 +169,7 @@ impl Pyramid {
         let mut last = None;
         for depth in (finest.saturating_sub(COARSEST).max(1).min(finest)..=finest).rev() {
             let Some([flatness, variance]) = self.flatness(depth) else { continue };
-            // Stop the search: larger neighborhoods would include the global shape.
+            // Stop the search as soon as flatness gets worse: larger neighborhoods would include the global shape.
             if best.1 < MAX_PERPENDICULAR && best.1 < flatness {
                 break;
             }
@@ -243,10 +244,10 @@ impl Pyramid {
     }
 }
 
-/// Minimum number of points from which a plane is computed: with fewer, its direction is random.
+/// Minimum number of points from which a plane is computed: with fewer points, the direction of the plane is random.
 const MIN_PLANE_POINTS: f64 = 9.0;
 
-/// Points are collinear if their second largest variance is less than this fraction of the largest (both in mm^2).
+/// Points count as collinear if the second largest of their principal variances is less than this fraction of the largest.
 const LINE: f64 = 0.02;
 
 /// Maximum fraction of a neighborhood's variance that is perpendicular to its plane, for the neighborhood to count as flat. Noise whose
@@ -345,7 +346,7 @@ pub(super) fn surfels(
         of_part.collect_into(&mut surfels);
         progress.tick(surfels.len() as f64 / cells.len() as f64)?;
     }
-    // Limit the spacing of each surfel, so that it is never 0.
+    // Limit the spacing of each surfel from below, so that it is never 0.
     for surfel in &mut surfels {
         surfel.spacing = surfel.spacing.max(1e-3 * cube.edge);
     }
@@ -372,7 +373,7 @@ fn surfel(pyramid: &Pyramid, cloud: &Cloud, flat: u32, cell: usize) -> Surfel {
     }
     let mut spacing = area.sqrt();
     if depth < flat {
-        // The neighborhood was enlarged because no points are nearby: the points in it are far away.
+        // The neighborhood was enlarged because there are too few points nearby, so the spacing of points is large.
         spacing = spacing.max(SPARSE * cube.edge_at(depth));
     }
     let mut is_sided = false;
@@ -404,13 +405,14 @@ fn surfel(pyramid: &Pyramid, cloud: &Cloud, flat: u32, cell: usize) -> Surfel {
     }
 }
 
-/// Minimum length of the mean of the unit normals in a cell; if it is shorter, the normals point in all directions.
+/// Minimum length of the mean of the given unit normals, or of the directions to the sensor, in a cell. If the mean is shorter, they point
+/// in too many directions to be used.
 const AGREED: f64 = 0.3;
 
 /// The spacing of points, in cells, at which a neighborhood contains just as many points as a plane needs.
 const SPARSE: f64 = 0.6;
 
-/// Maximum distance of a point from the plane of a sparse neighborhood, in cells.
+/// Maximum distance of a point from the plane of a sparse neighborhood, in cells; points farther away are stray points.
 const STRAY: f64 = 0.35;
 
 /// Minimum cosine of the viewing angle for which the front of a surface can be distinguished from its back.

@@ -15,7 +15,7 @@ trait Noise {
 }
 
 impl Noise for Random {
-    /// Returns a normally distributed number with the given deviation: Box and Muller (1958).
+    /// Returns a normally distributed number with the standard deviation `deviation`: Box and Muller (1958).
     fn normal(&mut self, deviation: f64) -> f64 {
         let angle = std::f64::consts::TAU * self.even();
         deviation * (-2.0 * libm::log(1.0 - self.even())).sqrt() * libm::cos(angle)
@@ -40,7 +40,7 @@ fn torus(count: usize, deviation: f64) -> Vec<Point3<f64>> {
     let mut points = Vec::new();
     while points.len() < count {
         let [u, v] = [0, 1].map(|_| std::f64::consts::TAU * random.even());
-        // The density of the accepted angles is proportional to the area.
+        // Accept angles with a density that is proportional to the area of the torus there.
         if random.even() * 55.0 < 40.0 + 15.0 * libm::cos(v) {
             let r = 40.0 + 15.0 * libm::cos(v);
             let at = Vector3::new(r * libm::cos(u), 15.0 * libm::sin(v), r * libm::sin(u));
@@ -155,7 +155,8 @@ const TORUS: f64 = 4.0 * std::f64::consts::PI * std::f64::consts::PI * 600.0;
 #[test]
 fn noise_of_a_hundredth_is_averaged_to_half_the_distance_of_points() {
     let count = 100_000;
-    // The deviation is a hundredth of the diagonal of the bounding box, three times the spacing.
+    // The noise has a standard deviation of a hundredth of the diagonal of the bounding box, which is three times the spacing of the
+    // points.
     let mesh = skin(sphere(count, 1.73), &Options::default());
     assert_eq!(topology(&mesh), (2, 0));
     assert!(rms(&mesh, off_sphere) < 0.5 * distance_on(SPHERE, count));
@@ -256,7 +257,7 @@ fn a_large_spacing_makes_a_control_mesh_of_quads() {
 
 #[test]
 fn a_range_image_shows_its_outside_to_the_sensor() {
-    // The surface is a bowl that opens towards the sensor: its outermost parts face inward.
+    // The surface is a bowl that opens towards the sensor, so the fronts of its outermost parts face inward.
     let range = RangeImage::new(
         60,
         60,
@@ -358,7 +359,7 @@ fn the_surface_of_any_function_is_manifold() {
 
 #[test]
 fn points_count_as_much_as_they_are_sure() {
-    // One scan of a sphere is good, the other one is too large by 2 mm.
+    // One scan of the sphere is exact; the radius of the other one is 2 mm too large.
     let good = sphere(20_000, 0.0);
     let wrong = sphere(20_000, 0.0).into_iter().map(|it| Point3::from(it.coords * 1.04));
     let both = [good, wrong.collect()].concat();

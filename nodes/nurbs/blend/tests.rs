@@ -228,7 +228,7 @@ fn a_finer_grid_shows_the_same_nose() {
             blend(&range, &nose, &surface, mode, [1, 1], &Progress::silent()).unwrap().range;
         let fine = blend(&range, &nose, &surface, mode, [3, 1], &Progress::silent()).unwrap().range;
         assert_eq!((fine.width(), fine.height()), (49, 135));
-        // Each row is divided into three, and the middle one coincides with the old row.
+        // Each old row is divided into three, and the middle new row coincides with the old row.
         for cell in 0..coarse.points().len() {
             let there = (cell / 49 * 3 + 1) * 49 + cell % 49;
             let difference = fine.points()[there] - coarse.points()[cell];

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 /// A prepared fit of B-spline curves to lines (rows or columns) of points. All lines have the same parameters.
 pub(crate) struct LineFit {
     knots: KnotVector,
-    /// For each point, the index of the first basis function that is not 0, and the values of the nonzero basis functions.
+    /// For the parameter of each point, the index of the first nonzero basis function, and the values of all nonzero basis functions.
     rows: Vec<(usize, Vec<f64>)>,
     solver: Solver,
 }
@@ -19,14 +19,14 @@ enum Solver {
     Interpolate(Factors),
     /// Least squares with fewer control points: the factored normal equations of all control points except the ends.
     LeastSquares(Factors),
-    /// Progressive iteration, with at most `iterations` rounds, until no control point moves farther than `tolerance`.
+    /// Progressive iteration, with at most `iterations` rounds, until no control point moves farther than `tolerance` (in mm).
     Progressive { iterations: usize, tolerance: f64 },
 }
 
 /// The control points of one line.
 pub(crate) struct FittedLine {
     pub(crate) control: Vec<Vector3<f64>>,
-    /// Largest step of a control point in the last round of an iteration that did not converge; 0 if it converged.
+    /// Largest step of a control point in the last round of an iteration that did not converge, in mm; 0 if the iteration converged.
     pub(crate) unsettled: f64,
     /// The residuals of the points before each round of an iteration.
     pub(crate) rounds: Vec<Residual>,
@@ -37,12 +37,12 @@ pub(crate) struct FittedLine {
 pub(crate) struct Residual {
     /// The largest distance of a point from the curve or surface.
     pub(crate) max: f64,
-    /// The sum of the squared distances.
+    /// The sum of the squared distances of the points from the curve or surface, in mm^2.
     pub(crate) sum_sq: f64,
 }
 
 impl Residual {
-    /// The residual of a single point at this distance.
+    /// The residual of a single point, given the vector from the curve or surface to the point.
     pub(crate) fn of_distance(distance: &Vector3<f64>) -> Self {
         Self { max: distance.norm(), sum_sq: distance.norm_squared() }
     }
@@ -90,7 +90,7 @@ impl LineFit {
     }
 
     /// Prepares the curves of [`least_squares`](Self::least_squares) or [`interpolate`](Self::interpolate), but computed by progressive
-    /// iteration. It runs until no control point moves farther than `tolerance`, at most for the given number of rounds.
+    /// iteration. The iteration runs until no control point moves farther than `tolerance`, at most for the given number of rounds.
     pub(crate) fn progressive(
         knots: KnotVector,
         parameters: &[f64],
@@ -191,9 +191,9 @@ fn rows(knots: &KnotVector, parameters: &[f64]) -> Vec<(usize, Vec<f64>)> {
 /// Progressive iteration: every round moves each control point by the residuals of the points that the control point influences.
 ///
 /// With as many control points as points, a control point moves by the residual of the point with its index: Lin, Bao and Wang, "Totally
-/// positive bases and progressive iteration approximation" (2005). With fewer, it moves by the mean residual weighted by its basis
-/// function, and the ends are fixed at the first and the last point: Deng and Lin, "Progressive and iterative approximation for least
-/// squares B-spline curve and surface fitting" (2014).
+/// positive bases and progressive iteration approximation" (2005). With fewer control points, a control point moves by the mean residual
+/// weighted by the control point's basis function, and the ends are fixed at the first and the last point: Deng and Lin, "Progressive and
+/// iterative approximation for least squares B-spline curve and surface fitting" (2014).
 struct Steps {
     /// The sum of each basis function over all points; empty if there are as many control points as points.
     sums: Vec<f64>,
@@ -205,7 +205,7 @@ struct Steps {
 struct Round {
     /// The residuals of the points before the round.
     missed: Residual,
-    /// The largest step of a control point.
+    /// The largest step of a control point in the round, in mm.
     control: f64,
 }
 
@@ -245,7 +245,7 @@ impl Steps {
                 }
             }
             for (step, &sum) in self.moves.iter_mut().zip(&self.sums) {
-                // If a basis function is 0 at all points, its control point does not move.
+                // A control point whose basis function is 0 at all points does not move.
                 *step = if sum > 0.0 { *step / sum } else { Vector3::zeros() };
             }
             let last = self.moves.len() - 1;
@@ -404,7 +404,7 @@ mod tests {
             .unwrap();
         let apart = settled.control.iter().zip(&control).map(|(a, b)| (a - b).norm());
         assert!(apart.fold(0.0, f64::max) <= 1e-8);
-        // The result is optimal if no control point can be moved to reduce the sum of squares.
+        // The result is optimal if moving any control point increases the sum of squared distances.
         fn sum_sq(
             control: &[Vector3<f64>],
             parameters: &[f64],

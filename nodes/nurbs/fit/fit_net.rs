@@ -79,13 +79,13 @@ impl Direction {
 pub(crate) struct FittedNet {
     /// The control points, row by row.
     pub(crate) points: Vec<Point3<f64>>,
-    /// The largest step of a control point in the last round of an iteration that did not converge.
+    /// The largest step of a control point in the last round of an iteration that did not converge, in mm; 0 if all iterations converged.
     pub(crate) unsettled: f64,
     /// The largest distance and the root mean square of the distances before each round: first the rounds along u, then those along v.
     pub(crate) rounds: Vec<[f64; 2]>,
 }
 
-/// Fits a surface to `points` and returns its control points. There are as many points, row by row, as in `net`.
+/// Fits a surface to `points` and returns its control points. The list has as many points as the net of the surface, row by row.
 pub(crate) fn fit_points(
     points: &[Point3<f64>],
     net: &value::ControlNet,

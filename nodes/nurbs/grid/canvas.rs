@@ -7,13 +7,13 @@ use nalgebra::Point3;
 use super::distance::from_border;
 use crate::blend_mode::BlendMode;
 
-/// A range grid to which a surface is written: the points of all its cells before the change, and the cells that change.
+/// A range grid to which a surface is written: the points of all cells of the grid before the change, and the cells that change.
 pub(crate) struct Canvas {
     /// Number of cells per row.
     pub(crate) width: usize,
     /// Number of rows of cells.
     pub(crate) height: usize,
-    /// The point of every cell before the change; NaN for a cell without a point.
+    /// The point of every cell before the surface is written; NaN for a cell without a point.
     pub(crate) points: Vec<Point3<f64>>,
     /// The cells inside the region, in raster order.
     pub(crate) targets: Vec<Target>,
@@ -26,7 +26,7 @@ pub(crate) struct Target {
     pub(crate) cell: usize,
     /// The net coordinate of the cell.
     pub(crate) coordinate: [f64; 2],
-    /// The distance of the cell from the border, in cells of the range image; known only in the mode `Feather`.
+    /// The distance of the cell from the border of the region, in cells of the range image; known only in the mode `Feather`.
     pub(crate) depth: f64,
 }
 

@@ -10,14 +10,14 @@
 
 use std::collections::BTreeMap;
 
-/// Used as the neighbor of a triangle across an edge that has no other triangle.
+/// Stands for a missing neighbor: the edge belongs to one triangle only.
 const NONE: u32 = u32::MAX;
 
 /// A region of the range grid as a triangulated disk.
 pub(crate) struct Disk {
     /// The (column, row) of each vertex. First come all cells of the window, then the vertices in the middle between two cells.
     pub(crate) places: Vec<[f64; 2]>,
-    /// For each vertex that is not a cell, the two cells between which it is.
+    /// For each vertex that is in the middle between two cells, the two cells.
     pub(crate) between: Vec<[u32; 2]>,
     /// The triangles, counter-clockwise in the picture.
     pub(crate) triangles: Vec<[u32; 3]>,
@@ -52,7 +52,7 @@ impl Disk {
         Some(disk)
     }
 
-    /// Adds a triangle. Each of its edges that has a vertex in `middles` is divided at this vertex.
+    /// Adds a triangle to the disk. Edges of the triangle that have a middle vertex in `middles` are divided at that vertex.
     fn push(&mut self, [a, b, c]: [u32; 3], middles: &BTreeMap<[u32; 2], u32>) {
         for [a, b, c] in [[a, b, c], [b, c, a], [c, a, b]] {
             if let Some(&middle) = middles.get(&[a.min(b), a.max(b)]) {
@@ -154,13 +154,13 @@ fn largest_part(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
         .collect()
 }
 
-/// The edges of a list of triangles, and the neighbors across them.
+/// The edges of a list of triangles, and the adjacent triangles across the edges.
 struct Sides {
     /// The triangles adjacent to each triangle across its edges 0-1, 1-2 and 2-0.
     neighbors: Vec<[u32; 3]>,
     /// The edges between two triangles, as pairs (a, b) with a < b, sorted.
     inner: Vec<[u32; 2]>,
-    /// The edges that belong to only one triangle, in the direction in which the triangle has them, sorted.
+    /// The edges that belong to only one triangle, sorted. Each edge has the direction in which its triangle traverses it.
     outer: Vec<[u32; 2]>,
 }
 
@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn a_hole_is_closed_and_a_spike_is_left_out() {
         let disk = disk(&["###..", "#.###", "###.."]).unwrap();
-        // The last cell of the spike makes no triangle; its first cell makes one with the corners above and below.
+        // The outer cell of the spike makes no triangle. The inner cell makes one with the corners above and below.
         assert_eq!(disk.border, [0, 5, 10, 11, 12, 8, 2, 1]);
     }
 

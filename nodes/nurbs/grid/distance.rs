@@ -2,8 +2,8 @@
 
 use maquette_value::Region;
 
-/// Returns, for each cell of the region, the distance from the nearest cell outside of the region, in cells between their centers. The
-/// distance is infinite if it exceeds `most`. The border of the grid is not a border of the region.
+/// Returns, for each cell of the region, the distance from the nearest cell outside of the region, in cells between their centers.
+/// Distances above `most` are returned as infinity. The border of the grid is not a border of the region.
 ///
 /// Two exact passes, first along the columns, then across the columns within reach: Saito and Toriwaki, "New algorithms for Euclidean
 /// distance transformation of an n-dimensional digitized picture" (1994).
@@ -35,7 +35,7 @@ pub(crate) fn from_border(region: &Region, most: f64) -> Vec<f64> {
         .collect()
 }
 
-/// The number of steps from a cell to the nearest outside cell of its column, if the column has none.
+/// Stands for the number of steps from a cell to the nearest outside cell of its column if the column has no outside cell.
 const FAR: u32 = u32::MAX;
 
 #[cfg(test)]

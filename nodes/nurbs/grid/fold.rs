@@ -1,4 +1,4 @@
-//! Finds cells of a range grid that the sensor cannot see, because neighboring cells hide them from it.
+//! Counts the cells of a range grid at which the grid folds over, so that neighboring cells hide each other from the sensor.
 
 use maquette_value::Pinhole;
 use nalgebra::Point3;
@@ -33,7 +33,7 @@ pub(crate) fn folded_cells(
                 ) -> f64 {
                     area(corners.map(|at| points[at]), *camera)
                 }
-                // With an invalid corner the area is NaN, which makes both comparisons false.
+                // If a corner is invalid, both areas are NaN, and both comparisons are false.
                 cell_area(before, corners, &camera) > 0.0
                     && cell_area(after, corners, &camera) <= 0.0
             })

@@ -53,10 +53,10 @@ fn position(line: usize, factor: usize) -> f64 {
     (line as f64 + 0.5) / factor as f64 - 0.5
 }
 
-/// The old grid, indexed for lookup.
+/// The grid before refinement, with an index to look up its cells.
 struct Old<'a> {
     canvas: &'a Canvas,
-    /// For each cell its index in the canvas's `targets`; `None` for a cell outside of the region.
+    /// For each old cell, its index in the canvas's `targets`; `None` for a cell outside of the region.
     index: Vec<Option<u32>>,
 }
 

@@ -3,12 +3,12 @@
 use maquette_value::Region;
 use nalgebra::Point3;
 
-/// The seam that a blend leaves.
+/// The step that a blend leaves between the redesigned surface and the scan at the border of the region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seam {
     /// The largest displacement in mm of a cell of the region that is next to an outside cell.
     pub step: f64,
-    /// The median distance in mm of neighboring cells outside of the region; infinite without such cells.
+    /// The median distance in mm between the points of neighboring cells outside of the region; infinite if there are no such cells.
     pub spacing: f64,
 }
 
@@ -16,14 +16,14 @@ pub struct Seam {
 const MIN_VISIBLE_STEP: f64 = 3.0;
 
 impl Seam {
-    /// Returns true if the step exceeds `MIN_VISIBLE_STEP` (three) cell spacings.
+    /// Returns true if the step is greater than `MIN_VISIBLE_STEP` (three) times the spacing of the cells, so that it can be seen.
     pub fn is_visible(&self) -> bool {
         self.step > MIN_VISIBLE_STEP * self.spacing
     }
 }
 
-/// Returns the seam that a blend leaves. `before` and `points` are the points of all cells before and after the blend, which differ only
-/// inside the region. The point of an invalid cell is NaN.
+/// Measures the seam that a blend leaves at the border of `region`. `before` and `points` are the points of all cells before and after the
+/// blend, which differ only inside the region. The point of an invalid cell is NaN.
 pub(crate) fn seam(region: &Region, before: &[Point3<f64>], points: &[Point3<f64>]) -> Seam {
     let (width, height) = (region.width(), region.height());
     let inside = region.grid();

@@ -9,9 +9,9 @@ use nalgebra::Point3;
 
 /// The cells of a range grid in the rectangle around a region, padded. Every cell has a point.
 pub(crate) struct GridWindow {
-    /// The first column, in columns of the grid.
+    /// The index of the window's first column in the whole grid.
     pub(crate) left: usize,
-    /// The first row, in rows of the grid.
+    /// The index of the window's first row in the whole grid.
     pub(crate) top: usize,
     /// Number of cells per row of the whole grid.
     width: usize,
@@ -57,7 +57,7 @@ impl GridWindow {
         Self { left, top, width, rows, columns, points, inside: Vec::new() }.fill(region, progress)
     }
 
-    /// Returns the window with the points of the region, and with missing points filled in.
+    /// Returns the window with the points of the region in its cells, and with interpolated points in cells without a point.
     fn fill(self, region: &Region, progress: &Progress<'_>) -> Result<Self, Error> {
         let (rows, columns) = (self.rows, self.columns);
         let mut window = Self { inside: vec![0; rows * columns], ..self };
@@ -70,7 +70,7 @@ impl GridWindow {
         Ok(window)
     }
 
-    /// Returns the row and column in the window of a cell of the grid.
+    /// Converts the index of a cell in the whole grid to the cell's row and column in the window.
     pub(crate) fn place(&self, cell: u32) -> [usize; 2] {
         [cell as usize / self.width - self.top, cell as usize % self.width - self.left]
     }

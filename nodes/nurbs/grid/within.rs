@@ -34,8 +34,8 @@ pub(crate) fn points_in_region(net: &value::ControlNet, region: &Region) -> Resu
 
     Ok((0..net.points().len())
         .map(|at: usize| {
-            // If cells are sparser than the net, a point may have no cell of its own; it then uses the nearest cell. Fixed points may be
-            // far from all cells.
+            // If cells are sparser than net points, a free point may have no cell of its own; use the cell nearest to the point then. This
+            // does not apply to fixed points, which may be far from all cells.
             let cell = nearest[at].or_else(|| {
                 let distances = cells
                     .clone()

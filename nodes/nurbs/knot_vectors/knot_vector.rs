@@ -7,7 +7,8 @@ use maquette_value::{KnotVector, ParameterDirection};
 
 use crate::knots_kind::KnotsKind;
 
-/// Returns the knots of a surface with the given net, along one direction. The domain of the averaged kinds is 0 to 1.
+/// Returns the knots of a surface with the given net, along one direction. The domain of the kinds `Averaging`, `Chord` and `Centripetal`
+/// is 0 to 1.
 ///
 /// # Errors
 /// Returns an error if the order is not from 2 to 10, the net has too few control points for it, or the kind is unsuitable for the net.

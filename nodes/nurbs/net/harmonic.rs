@@ -34,7 +34,8 @@ pub(crate) fn degenerate_region(rows: usize, columns: usize) -> Error {
     ))
 }
 
-/// Makes the net with the given corners (column, row). `rows` and `columns` are automatic where they are 0.
+/// Makes the net with the given corners (column, row); if `corners` is `None`, they are chosen automatically. `rows` and `columns` are
+/// automatic where they are 0.
 pub(crate) fn net(
     region: &Region,
     range: &RangeImage,
@@ -108,7 +109,7 @@ impl Sides {
     }
 }
 
-/// Returns true if four indices of a closed chain of `n` vertices follow each other along the chain.
+/// Returns true if the corners follow each other in this order along a closed chain of `n` vertices.
 fn in_order(corners: [usize; 4], n: usize) -> bool {
     let [_, a, b, c] = corners.map(|corner| (corner + n - corners[0]) % n);
     0 < a && a < b && b < c
@@ -126,7 +127,7 @@ fn chosen_corners(disk: &Disk) -> [usize; 4] {
             let [x, y] = local[*k];
             (across * x + down * y, -(across * x - down * y).abs())
         }
-        // Differences of the size of rounding errors are ignored, because corners must not depend on them.
+        // Ignore differences of the size of rounding errors: the choice of corners must not depend on rounding.
         let best =
             (0..n).map(|k| rank(&k, across, down, local).0).fold(f64::NEG_INFINITY, f64::max);
         let equals = (0..n).filter(|k| rank(k, across, down, local).0 >= best - 1e-9);
@@ -251,7 +252,8 @@ fn length(disk: &Disk, side: &[u32]) -> f64 {
     lengths(disk, side).last().copied().unwrap_or(0.0)
 }
 
-/// Returns, for each vertex of a side, the fraction of the side's length before it, from 0 to 1; all 0 if the side has no length.
+/// Returns, for each vertex of a side, the fraction of the side's length from the side's start to the vertex, from 0 to 1; all 0 if the
+/// side has no length.
 fn shares(disk: &Disk, side: &[u32]) -> Vec<f64> {
     let lengths = lengths(disk, side);
     let whole = lengths.last().copied().filter(|&whole| whole > 0.0).unwrap_or(1.0);
@@ -288,7 +290,7 @@ fn map_to_square(disk: &Disk, sides: &Sides) -> Result<Vec<[f64; 2]>, Error> {
     Ok(square)
 }
 
-/// Returns the error of a region that could not be mapped to a square. The residual is a fraction of the square's side.
+/// Returns the error message for a region that could not be mapped to a square. The residual is a fraction of the square's side.
 fn not_mapped(residual: f64) -> Error {
     Error::new(format!("the region could not be mapped to a square: residual {residual:e}"))
 }

@@ -9,7 +9,7 @@ use crate::grid::disk::Disk;
 /// Tolerance of the solver: the residual as a fraction of the polygon's size. Rounding errors are about 1e-15.
 const TOLERANCE: f64 = 1e-13;
 
-/// Residual above which the map is an error: a thousandth of a cell on the largest net.
+/// Residual, as a fraction of the polygon's size, above which the map counts as failed: a thousandth of a cell on the largest net.
 const LARGEST: f64 = 1e-7;
 
 /// Number of relaxation rounds after the solver. In each round every vertex moves to the weighted mean of its neighbors, and thus inside
@@ -36,7 +36,7 @@ struct System {
     inner: Vec<u32>,
     /// The index of the first term of each inner vertex, followed by the number of all terms.
     starts: Vec<usize>,
-    /// The terms: the index of a neighbor, and its weight.
+    /// The terms of all equations: the index of a neighboring vertex, and its weight.
     terms: Vec<(u32, f64)>,
     /// Number of all vertices of the disk.
     count: usize,
@@ -87,7 +87,7 @@ impl System {
         terms.iter().map(|&(vertex, factor)| factor * x[vertex as usize]).sum()
     }
 
-    /// Returns the residuals: for each inner vertex, the weighted mean of its neighbors minus its own value.
+    /// Returns the residuals: for each inner vertex, the weighted mean of its neighbors minus the vertex's own value.
     fn residual(&self, x: &[f64]) -> Vec<f64> {
         (0..self.inner.len()).map(|row| self.mean(row, x) - x[self.inner[row] as usize]).collect()
     }

@@ -18,7 +18,8 @@ use super::parameterized::parameterize;
 use super::rays::{NotAStar, Rays, turn};
 use crate::grid::window::GridWindow;
 
-/// Maximum automatic number of spokes. A contour has some hundred cells, and spokes to more than half of them would only follow its steps.
+/// Maximum automatic number of spokes. A contour has some hundred cells, and spokes to more than half of these cells would only follow the
+/// steps of the contour.
 const MAX_SPOKES: usize = 64;
 
 /// Minimum number of spokes and of rings: a pole needs three spokes around it.
@@ -102,7 +103,7 @@ fn middle(region: &Region, window: &GridWindow) -> [f64; 2] {
     })
 }
 
-/// The error of a region that has disconnected parts.
+/// The error message for a region that has disconnected parts.
 pub(crate) const PARTS: &str = "the region is in several parts: a net covers one";
 
 /// Returns the contour of the region as a closed line through the centers of its cells: the (column, row) of each, relative to the center.
@@ -168,14 +169,14 @@ impl Wheel {
         let (before, after) = (turn(self.spokes[k], place), turn(place, next));
         let ring = (before + after) / turn(self.spokes[k], next) * rings as f64;
         let around = k as f64 + before / (before + after);
-        // The domain of periodic knots begins at this net coordinate.
+        // The domain of a surface with periodic knots begins at this net coordinate.
         let start = (order - 2) as f64 / 2.0;
         let around = if around < start { around + count as f64 } else { around };
         [ring.min(rings as f64), around]
     }
 }
 
-/// Projects the points of a ring onto the plane through the pole that fits them best.
+/// Projects the points of a ring of the net onto the plane through the pole that fits these points best.
 fn flatten(pole: Point3<f64>, ring: &mut [Point3<f64>]) {
     let covariance = ring.iter().fold(Matrix3::zeros(), |sum: Matrix3<f64>, point| {
         let spoke = point - pole;
@@ -301,7 +302,7 @@ mod tests {
         let range = hill();
         for teeth in [0.0, 1.0, 2.0, 3.0] {
             let disk = jagged_disk(&range, teeth);
-            // Without its teeth, the region may have disconnected cells.
+            // Because of the teeth, the region may have disconnected cells.
             let net = match control_net(&disk, &range, POLAR, 0, 0, &Progress::silent()) {
                 Err(error) if error.to_string() == PARTS => continue,
                 net => net.unwrap(),

@@ -1,4 +1,5 @@
-//! Profiles of an offset between the center of a net's free points and its fixed ones.
+//! Profiles of an offset: the fraction of the offset by which each point of a net moves, from the center of the free points to the fixed
+//! points.
 
 use maquette_base::linear::laplace;
 use maquette_node::{Error, Progress, bail};
@@ -28,12 +29,12 @@ pub enum Profile {
     Picture,
 }
 
-/// The error of a profile that needs a picture, if none is linked.
+/// The error message if the profile needs a picture and none is linked.
 pub(crate) const NO_PICTURE: &str = "the profile `Picture` needs a field at the port `picture`";
 
 impl Profile {
     /// Returns the factor of the offset, whose length is `distance`, for each point of a net, row by row. `free` is 1 for each point that
-    /// moves.
+    /// moves, 0 for a fixed point.
     pub(crate) fn factors(
         self,
         net: &value::ControlNet,
@@ -150,7 +151,7 @@ fn gray(field: &Field, rows: usize, columns: usize) -> Option<Vec<f64>> {
             (true, true) => (number - least) / span,
         }
     }
-    // Returns the pixels before and after a line of the net, and the weight of the second pixel.
+    // Returns the indices of the two pixels between which line `k` of the net is, and the interpolation weight of the second pixel.
     fn place(k: usize, count: usize, size: usize) -> (usize, usize, f64) {
         let at = (size - 1) as f64 * (k as f64 / (count - 1).max(1) as f64);
         let before = (at as usize).min(size - 1);

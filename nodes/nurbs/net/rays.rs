@@ -21,7 +21,7 @@ const MAX_TOOTH: f64 = 3.0;
 const TEETH_SHARE: f64 = 0.1;
 
 /// Tolerance for lengths and areas, in cells and square cells. A side of the line counts as pointing to the center if twice the area of the
-/// triangle between the side and the center is below this value. A ray shorter than this value counts as having no length.
+/// triangle between the side and the center is below this value. A ray shorter than this value counts as a ray of length 0.
 const FLAT: f64 = 1e-12;
 
 /// The lengths of the rays from the origin to a closed line. Positions are (column, row) in cells, with rows growing down.
@@ -30,11 +30,11 @@ pub(crate) struct Rays {
     start: f64,
     /// The smoothed length of each ray, at uniform angles from `start`. No part of the line is beyond the end of a ray.
     lengths: Vec<f64>,
-    /// The arc length at each ray of the line through the ends of all rays, and the total length.
+    /// For the closed line through the ends of all rays: the arc length from its start to the end of each ray, and its total length.
     along: Vec<f64>,
 }
 
-/// Reasons why a closed line is not star-shaped. Rays from the center of a star-shaped line cross it exactly once.
+/// Reasons why a closed line is not star-shaped. A line is star-shaped if each ray from its center crosses it exactly once.
 #[derive(Debug, PartialEq)]
 pub(crate) enum NotAStar {
     /// The line does not go around the origin exactly once.
@@ -43,7 +43,7 @@ pub(crate) enum NotAStar {
     Bay {
         /// The (column, row) at the end of the ray with the longest hidden part.
         at: [f64; 2],
-        /// The length in cells of the part of that ray that is outside.
+        /// The length in cells of the part of that ray that is outside of the line.
         depth: f64,
     },
 }
@@ -60,8 +60,8 @@ impl Rays {
         let start = line.first().map_or(0.0, |[x, y]| libm::atan2(-y, *x));
         let step = TAU / count as f64;
         let (mut outermost, mut inside) = (vec![0.0f64; count], vec![0.0; count]);
-        // Rays are at half steps, so that no ray passes through the first vertex of the line, which is also the last. Rounding could lose
-        // such a ray.
+        // Rays are at half steps, so that no ray passes through the first vertex of the line, which is also the last. Because of rounding,
+        // such a ray could miss the line.
         let mut from = 0.0;
         for (a, b) in sides {
             let (turned, dot) = (turn(*a, *b), a[0] * b[0] + a[1] * b[1]);
@@ -73,7 +73,8 @@ impl Rays {
                 let direction = direction(start + (index as f64 + 0.5) * step);
                 let reach = turned / turn(direction, [b[0] - a[0], b[1] - a[1]]);
                 outermost[index] = outermost[index].max(reach);
-                // A ray leaves the inside where it crosses a counter-clockwise side, and enters it where it crosses a clockwise one.
+                // A ray leaves the inside where it crosses a counter-clockwise side, and enters the inside where it crosses a clockwise
+                // side.
                 inside[index] += if to < from { -reach } else { reach };
             }
             from = to;

@@ -41,7 +41,7 @@ impl Round {
         Self { heights }
     }
 
-    /// Returns `f(r)` for r from 0 to 1.
+    /// Returns the height `f(r)` of the profile for r from 0 (the tip, height 1) to 1 (the border, height 0).
     pub(crate) fn height(&self, r: f64) -> f64 {
         let place = r.clamp(0.0, 1.0) * STEPS as f64;
         let before = (place as usize).min(STEPS - 1);

@@ -11,12 +11,12 @@ use nalgebra::Point3;
 
 use super::parameterized::{on_border, parameterize};
 
-/// Minimum automatic number of lines, and of points per line: enough for a cubic surface. Fewer would be an error for surfaces of higher
-/// orders; more would only add interpolated points.
+/// Minimum number of lines, and of points per line, if it is chosen automatically: enough for a cubic surface. Fewer would be an error for
+/// surfaces of higher orders; more would only add interpolated points.
 const MIN_LINES: usize = 4;
 
-/// A sample closer to a point than this fraction of the line's length becomes exactly that point. The fraction is slightly larger than
-/// rounding errors.
+/// When a line is resampled, a sample closer to a point of the line than this fraction of the line's length becomes exactly that point. The
+/// fraction is slightly larger than rounding errors.
 const SAME: f64 = 1e-12;
 
 /// Makes the net; `rows` and `columns` are automatic where they are 0. An automatic size is at least [`MIN_LINES`], even if the region has
@@ -65,9 +65,9 @@ struct Lines {
 struct Line {
     /// The cells of the region on the line: the index of each in the grid and its index in `points`.
     cells: Vec<(u32, usize)>,
-    /// The points of the line from its first to its last cell, without gaps.
+    /// The points of the line's cells from the first to the last cell in the region; missing points are interpolated.
     points: Vec<Point3<f64>>,
-    /// For each point, the arc length before it as a fraction of the line's length, from 0 to 1.
+    /// For each point of the line, the arc length from the line's start to the point, as a fraction of the line's length.
     shares: Vec<f64>,
 }
 
@@ -121,7 +121,8 @@ impl Lines {
         let lines: Vec<_> =
             self.lines.iter().map(|line| resample(&line.points, &line.shares, along)).collect();
         let wanted = if across == 0 { lines.len().max(MIN_LINES) } else { across };
-        // If the net has as many lines as the region, they keep their positions: evenly spaced lines would be elsewhere.
+        // If the net has as many lines as the region, the net's lines are those of the region. Evenly spaced lines would be at other
+        // positions.
         let even = (wanted == lines.len()).then(|| vec![uniform_fractions(wanted); along]);
         let columns: Vec<_> = (0..along)
             .map(|k: usize| lines.iter().map(|line| line[k]).collect::<Vec<_>>())
@@ -169,8 +170,8 @@ fn bridge_gaps(points: &[Option<Point3<f64>>]) -> Vec<Point3<f64>> {
     bridged
 }
 
-/// Returns, for each point, the arc length before it as a fraction of the total length, from 0 to 1. A line without length is divided
-/// evenly.
+/// Returns, for each point of a line, the arc length from the line's start to the point, as a fraction of the total length. If the line has
+/// no length, the fractions are evenly spaced.
 pub(crate) fn shares(points: &[Point3<f64>]) -> Vec<f64> {
     let mut length = 0.0;
     let mut lengths = vec![0.0];
@@ -279,7 +280,7 @@ mod tests {
             chart_coordinates[legs.find(cell).unwrap()]
         }
         assert_eq!(chart_position(0, &legs, &chart.coordinates), [0.0, 0.0]);
-        // The bar between the legs is two cells high, and its lower cell is the end of its line.
+        // Between the legs, the bar is two cells high, so the lower of the two cells is the end of its line.
         assert_eq!(chart_position(11 + 4, &legs, &chart.coordinates), [6.0, 4.0]);
         assert_eq!(chart_position(6 * 11 + 8, &legs, &chart.coordinates), [6.0, 8.0]);
     }

@@ -184,7 +184,7 @@ fn areas_that_a_part_surrounds_belong_to_it() {
         )
     }
     assert_eq!(region(false, &labels), "#####.\n#...#.\n#...#.\n#...##\n###.##\n");
-    // The part is open at the bottom, so it surrounds nothing and `enclosed` changes nothing.
+    // The labelled part is open at the bottom. So it surrounds no area, and `enclosed` has no effect.
     assert_eq!(region(true, &labels), region(false, &labels));
     let closed = ["#####.", "#...#.", "#.#.#.", "#...##", "######"];
     let labels = label(&Mask::from_rows(&closed), Connectivity::Four);

@@ -24,7 +24,7 @@ const FACTORS: [f64; 2] = [0.5, -0.53];
 /// The number of faces that one task processes.
 const BLOCK: usize = 8192;
 
-/// The minimum fraction of its area that a face keeps when the border of the mesh is smoothed.
+/// When the border of the mesh is smoothed, each face must keep at least this fraction of its area.
 const MIN_AREA_RATIO: f64 = 1e-3;
 
 /// The maximum number of halvings of a vertex's motion. Motions that remain after 32 halvings are too small to be visible.
@@ -32,7 +32,7 @@ const MAX_HALVINGS: usize = 32;
 
 impl Border {
     /// Finds the borders of `faces`. At most one border may pass through each vertex. `may_be` returns true for vertices that can be on a
-    /// border.
+    /// border; other vertices are not examined.
     pub(crate) fn new(faces: &[[u32; 3]], may_be: impl Fn(u32) -> bool) -> Self {
         let mut edges: Vec<[u32; 2]> =
             (faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]))

@@ -97,15 +97,15 @@ impl Borders {
         let mut cell = start;
         loop {
             cells.push(self.cell_index(cell));
-            // Step 3.3: find the next cell, counter-clockwise from the previous one. If the part has no other cell here, the previous cell
-            // is the next.
+            // Step 3.3: find the next cell, counter-clockwise from the previous one. If there is no other cell around this one, the border
+            // returns to the previous cell.
             let mut to = (from + 1) % 8;
             let mut right_is_outside = false;
             while self.marks[self.next(cell, to)] == 0 {
                 right_is_outside |= to == RIGHT;
                 to = (to + 1) % 8;
             }
-            // Step 3.4: mark the cell.
+            // Step 3.4: mark the cell as visited.
             if right_is_outside {
                 self.marks[cell] = VISITED_RIGHT;
             } else if self.marks[cell] == 1 {

@@ -14,7 +14,7 @@ struct Footprint {
     weights: Vec<f64>,
 }
 
-/// One half, minus a tolerance for rounding.
+/// Minimum fraction of a cell's footprint that must be covered: one half, minus a tolerance for rounding.
 const HALF: f64 = 0.5 - 1e-9;
 
 /// Returns the cells of which at least half of the footprint is covered by the label `number`. Cells beyond the picture are not covered.
@@ -76,7 +76,8 @@ impl Footprint {
     fn new(cell: usize, scale: f64, offset: f64, pixels: usize) -> Self {
         // Use coordinates in which pixel k extends from k to k + 1.
         let [low, high] = [-0.5, 0.5].map(|side| scale * (cell as f64 + side) + offset + 0.5);
-        // Unlike `max` and `min`, `clamp` keeps a NaN. These would replace it by a bound, so that the cell would cover everything.
+        // Unlike `max` and `min`, `clamp` keeps a NaN. `max` and `min` would replace the NaN by a bound, so that the cell would cover all
+        // pixels.
         let [low, high] = [low, high].map(|end| end.clamp(0.0, pixels as f64));
         let (first, last) =
             if low < high { (low.floor() as usize, high.ceil() as usize) } else { (0, 0) };

@@ -27,7 +27,8 @@ pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mas
         holes.statistics().iter().map(|hole| fill && !hole.touches_border).collect();
     for (cell, &hole) in holes.pixels().iter().enumerate().filter(|(_, hole)| **hole != 0) {
         let hole = &mut closed[hole as usize - 1];
-        // A component that still counts as closed does not touch the border of the grid, so each of its cells has four neighbors.
+        // A component of invalid cells that still counts as closed does not touch the border of the grid, so each of its cells has four
+        // neighbors.
         *hole = *hole && [cell - width, cell - 1, cell + 1, cell + width].into_iter().all(inside);
     }
     let mut in_shadow = vec![false; width * height];
@@ -42,7 +43,7 @@ pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mas
     mask(usable.map(u8::from).collect(), width, height)
 }
 
-/// Counts of adjacent cells along the border between a region and an area that it surrounds.
+/// Counts of pairs of adjacent cells along the border between a region and an area that the region surrounds.
 #[derive(Clone, Default)]
 struct PartBorder {
     /// The number of adjacent pairs of cells, one in the region and one in the surrounded area, whose points are close to each other.

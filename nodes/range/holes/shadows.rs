@@ -131,7 +131,8 @@ struct Term {
     parts: Vec<(u32, f64)>,
 }
 
-/// A finite difference: its weight, and the cells that it combines as steps in columns and rows, each with a coefficient.
+/// A finite difference: its weight, and the cells that it combines. Each cell is given by its offset in columns and rows, and a
+/// coefficient.
 type Difference = (f64, &'static [([i64; 2], f64)]);
 
 /// The second differences, which measure bending, and the first differences, which measure stretching.

@@ -18,11 +18,11 @@ use crate::polygons::{loops, project_to_plane, triangulate};
 pub(super) struct Cut<'a> {
     pair: &'a Pair<'a>,
     meet: &'a Meet,
-    /// For each vertex, true if it is inside of the other solid.
+    /// For each vertex, true if the vertex is inside of the solid to which it does not belong.
     inside: &'a [bool],
     how: Operation,
     pub(super) halfway: Vec<[u32; 2]>,
-    /// The faces that are not cut, each with true if it must be reversed.
+    /// The faces that the result keeps uncut; the flag is true if the face must be reversed.
     whole: Vec<(u32, bool)>,
     /// The remaining parts of cut triangles.
     pub(super) pieces: Vec<Piece>,
@@ -36,7 +36,7 @@ pub(super) struct Piece {
 }
 
 impl<'a> Cut<'a> {
-    /// Determines the parts of both solids that the result keeps.
+    /// Determines the faces, and the parts of cut faces, of both solids that the result keeps.
     pub(super) fn new(
         pair: &'a Pair<'a>,
         meet: &'a Meet,
@@ -169,7 +169,7 @@ impl<'a> Cut<'a> {
         }
     }
 
-    /// Appends to `shares` the vertices of the solids from which `vertex` is interpolated, with their weights. The weights sum up to
+    /// Appends to `shares` the vertices of the solids from which `vertex` is interpolated, with their weights. The sum of the weights is
     /// `whole`.
     fn shares(&self, vertex: u32, whole: f64, shares: &mut Vec<(u32, f64)>) {
         match self.origin(vertex) {
@@ -183,7 +183,7 @@ impl<'a> Cut<'a> {
         }
     }
 
-    /// Returns the points along an edge: its start, its intersection points in order, and its end.
+    /// Returns the vertices along an edge: its start, its intersection points in the order in which the edge passes them, and its end.
     fn stops(&self, [from, to]: [u32; 2]) -> Vec<u32> {
         let mut stops = vec![from];
         stops.extend(

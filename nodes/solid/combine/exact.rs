@@ -6,8 +6,8 @@ use std::cmp::Ordering;
 use nalgebra::{Point3, Vector3};
 use num_bigint::BigInt;
 
-/// Half of the number of cells of the grid along its longest side. It is limited because products of three coordinate differences must fit
-/// into 128 bits, and products of two into 64.
+/// Half of the number of cells of the grid along its longest side. The number is limited because products of three coordinate differences
+/// must fit into 128 bits, and products of two into 64 bits.
 const HALF: f64 = (1 << 29) as f64;
 
 /// Length to which the direction vector of a point's motion is scaled before it is rounded to integers. Only the direction matters.
@@ -31,7 +31,7 @@ impl Site {
     }
 }
 
-/// The grid to whose nodes points are rounded. Its spacing is about 2e-9 of the extent of all points.
+/// The grid to whose nodes points are rounded. The spacing of the grid is about 2e-9 of the extent of all points.
 pub(super) struct Grid {
     middle: Point3<f64>,
     per_mm: f64,
@@ -60,7 +60,7 @@ impl Grid {
         Site { moves, ..self.resting_site(at) }
     }
 
-    /// Returns the length of a few cells of the grid, in mm; points closer to each other count as equal.
+    /// Returns the distance in mm below which two points count as equal: the length of a few cells of the grid.
     pub(super) fn tolerance(&self) -> f64 {
         4.0 / self.per_mm
     }
@@ -112,7 +112,7 @@ pub(super) fn height(sites: [&Site; 4]) -> Leading {
     Leading { order, factor }
 }
 
-/// Compares the positions at which an edge crosses two triangles. Positions are measured from the first point of the edge.
+/// Compares the two positions at which an edge crosses two triangles. Positions are measured from the first point of the edge.
 ///
 /// If the heights `l` and `h` of the edge's ends over a triangle have different signs, the crossing is at the fraction `l / (l - h)` of the
 /// edge. The fractions for both triangles are compared as polynomials in `d` and `e`, see `height`.

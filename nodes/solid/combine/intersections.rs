@@ -19,10 +19,10 @@ const CHUNK: usize = 256;
 pub(super) struct Pair<'a> {
     pub(super) mesh: &'a Mesh,
     pub(super) triangles: Vec<Triangle>,
-    /// Index of the first triangle, and of the first vertex, of the second solid.
+    /// The index of the second solid's first triangle, and the index of its first vertex.
     second: (usize, usize),
     sites: Vec<Site>,
-    /// Distance in mm below which points count as one point.
+    /// Distance in mm below which two points count as one point.
     pub(super) tolerance: f64,
 }
 
@@ -201,7 +201,8 @@ impl<'a> Pair<'a> {
         fn heights(of: [&Site; 3], over: [&Site; 3]) -> [Leading; 3] {
             of.map(|site| height([over[0], over[1], over[2], site]))
         }
-        // If all heights are zero, one of the triangles is degenerate. Its heights are then undefined and do not separate the triangles.
+        // If all heights are zero, one of the triangles is degenerate. The heights over a degenerate triangle are undefined and do not
+        // separate the triangles.
         fn is_apart(heights: &[Leading; 3]) -> bool {
             heights.iter().all(|it| it.is_above() == heights[0].is_above())
                 && heights.iter().any(|it| !it.is_zero())
@@ -250,7 +251,7 @@ impl<'a> Pair<'a> {
         start.zip(end).map(|(start, end)| [start, end])
     }
 
-    /// Returns, for each vertex, whether it is inside of the other solid.
+    /// Returns, for each vertex, true if the vertex is inside of the solid to which it does not belong.
     pub(super) fn find_inside(&self, meet: &Meet) -> Result<Vec<bool>, NoInsideError> {
         let mut is_touched = vec![false; self.triangles.len()];
         meet.segments

@@ -85,7 +85,7 @@ fn size(mesh: &Mesh) -> f64 {
     mesh.bounds().map_or(0.0, |(low, _)| volume(mesh, low))
 }
 
-/// Returns the volume of the result of an operation, and the result, which must be a solid.
+/// Returns the volume and the mesh of the result of an operation. Checks that the result is a solid.
 #[track_caller]
 fn volume_and_mesh(first: &Mesh, second: &Mesh, how: Operation) -> (f64, Mesh) {
     let made = boolean(first, &[second], how, &Progress::silent());
@@ -110,7 +110,8 @@ fn volume_and_mesh(first: &Mesh, second: &Mesh, how: Operation) -> (f64, Mesh) {
     (size(&made), made)
 }
 
-/// Checks all three operations in both orders; `common` is the volume of the intersection.
+/// Checks the volume of the results of all three operations on two solids, in both orders; `common` is the expected volume of the
+/// intersection.
 #[track_caller]
 fn check(first: &Mesh, second: &Mesh, common: f64) {
     use Operation::{Difference, Intersection, Union};

@@ -4,10 +4,11 @@ use nalgebra::Vector3;
 
 use super::cut::{Cut, Piece};
 
-/// The twin of a half-edge whose other side belongs to a face that is not cut.
+/// Stands for the twin of a half-edge if the face on the other side is an uncut face, which has no half-edges.
 const NONE: u32 = u32::MAX;
 
-/// Maximum number of rounds of flips and collapses. A flip or collapse may make another one possible; a few rounds suffice.
+/// Maximum number of rounds of flips and collapses. Each flip or collapse may make further flips or collapses possible; a few rounds
+/// suffice.
 const ROUNDS: usize = 16;
 
 /// Removes the degenerate pieces that result from coplanar faces of two solids: pieces whose corners coincide or are collinear.
@@ -51,7 +52,7 @@ fn needs_welding(cut: &Cut<'_>) -> bool {
         || cut.pieces.iter().any(|piece| height(cut, piece.vertices) <= cut.tolerance())
 }
 
-/// Returns the height of a triangle over its longest edge.
+/// Returns the height of a triangle over its longest edge, in mm.
 fn height(cut: &Cut<'_>, vertices: [u32; 3]) -> f64 {
     let [a, b, c] = vertices.map(|it| cut.position(it));
     let edges: [Vector3<f64>; 3] = [b - a, c - b, a - c];
@@ -180,7 +181,7 @@ impl<'a, 'b> Net<'a, 'b> {
         for half in self.halves() {
             if self.is_there(half) {
                 let [from, to] = [self.from(half), self.end(half)];
-                // The vertex that disappears must not belong to a face that is not cut.
+                // Choose the direction of the collapse such that the vertex that disappears does not belong to an uncut face.
                 let half = if from < to { self.twin(half) } else { half };
                 let off = self.cut.position(to) - self.cut.position(from);
                 if half != NONE && off.amax() <= self.cut.tolerance() {
@@ -190,7 +191,7 @@ impl<'a, 'b> Net<'a, 'b> {
         }
     }
 
-    /// Moves the start of a half-edge to its end, if the surface around the edge stays a manifold.
+    /// Collapses an edge: moves the start of the half-edge to its end, if the surface around the edge stays a manifold.
     fn collapse_to_end(&mut self, half: u32) {
         let (goes, stays, back) = (self.from(half), self.end(half), self.twin(half));
         if goes < self.cut.first_new_vertex() || back == NONE {
@@ -279,7 +280,7 @@ impl<'a, 'b> Net<'a, 'b> {
                 self.pieces[place as usize] = Piece { triangle, vertices };
             }
             let [first, second] = places.map(|it| 3 * it);
-            // Connect the outer edges of the two triangles. If two of these edges are twins of each other, use the new number of the twin.
+            // Connect the outer edges of the two triangles. If two of these edges are twins of each other, use the new index of the twin.
             let outer = [to_start, from_start, to_end, from_end];
             let inner = [first, first + 1, second, second + 1];
             let old = [previous(longest), next(back), previous(back), next(longest)];

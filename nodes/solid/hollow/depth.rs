@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::contour::Contour;
 
-/// Maximum number of grid nodes; measuring so many takes a few seconds and half a gigabyte.
+/// Maximum number of grid nodes; measuring this many takes a few seconds and half a gigabyte of memory.
 const NODES: Limit = Limit {
     max: 60_000_000,
     items: "nodes of a grid",
@@ -19,7 +19,7 @@ const NODES: Limit = Limit {
 /// nodes.
 const BLOCK: usize = 8;
 
-/// Number of points that are measured between two checks for cancellation; measuring them takes some milliseconds.
+/// Number of points whose distances are measured between two checks for cancellation. Measuring this many points takes some milliseconds.
 const CHUNK: usize = 4096;
 
 /// A grid around a solid, with the depth of each node below the solid's surface.
@@ -28,11 +28,12 @@ pub(super) struct Depth {
     spacing: f64,
     /// The number of nodes along x, y and z.
     counts: [usize; 3],
-    /// The depth of each node in mm; negative outside, and next to the surface. Depths beyond the requested maximum are only lower bounds.
+    /// The depth of each node in mm; negative outside, and next to the surface. Depths greater than the requested maximum are only lower
+    /// bounds.
     depths: Vec<f64>,
 }
 
-/// Returns the number of grid nodes along x, y and z, including extra nodes beyond each end of the box.
+/// Returns the number of grid nodes along x, y and z that cover the box with some extra nodes beyond each of its ends.
 ///
 /// # Errors
 /// Returns an error if the grid has too many nodes.
@@ -74,7 +75,7 @@ impl Depth {
         Ok(grid)
     }
 
-    /// Returns the surface at the given depth.
+    /// Returns the surface inside the solid on which all points have the given depth, in mm.
     ///
     /// # Errors
     /// Returns an error if the evaluation is cancelled.
@@ -108,7 +109,7 @@ impl Depth {
         self.low + Vector3::from(at.map(|k| k as f64)) * self.spacing
     }
 
-    /// Returns the distance of each node from the surface; beyond `farthest`, it is only a lower bound.
+    /// Returns the distance of each node from the surface of the solid, in mm. Distances greater than `farthest` are only lower bounds.
     fn distances(
         &self,
         tree: &TriangleTree,
@@ -122,7 +123,7 @@ impl Depth {
         }
         let half = (BLOCK - 1) as f64 / 2.0 * self.spacing;
         let count = blocks.iter().product();
-        /// Returns the distance of each point from the surface.
+        /// Returns the distance of each point from the surface of the solid, in mm.
         fn distances_to(
             tree: &TriangleTree,
             points: &[Point3<f64>],

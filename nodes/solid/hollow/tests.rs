@@ -77,7 +77,7 @@ fn walls_around_inner_edges_are_nowhere_thinner_than_asked() {
 
 #[test]
 fn no_cavity_is_much_smaller_than_the_wall_is_thick() {
-    // Inside walls of 2 mm, there is room for a cavity with edges of 0.9 mm, or of 1.2 mm.
+    // Walls of 2 mm would leave a cavity with edges of 0.9 mm in the first box, which is too small, and of 1.2 mm in the second.
     let whole = cuboid([4.9; 3]);
     assert_eq!(hollow(&whole, (2.0, 0.25), &[], &Progress::silent()).unwrap(), whole);
     let cube = hollow(&cuboid([5.2; 3]), (2.0, 0.25), &[], &Progress::silent()).unwrap();

@@ -14,15 +14,15 @@ const ROUNDS: usize = 8;
 const CLOSE: f64 = 1e-3;
 
 /// Maximum motion of a vertex along its grid edge, as a fraction of the edge. Several vertices may move toward the same grid node. With a
-/// limit below 1 they never coincide, so their faces keep an area.
+/// limit below 1 the vertices never coincide, so their faces keep an area.
 const FARTHEST: f64 = 0.9;
 
-/// Number of points that are measured between two checks for cancellation; measuring them takes some milliseconds.
+/// Number of points whose distances are measured between two checks for cancellation. Measuring this many points takes some milliseconds.
 const CHUNK: usize = 4096;
 
-/// Moves vertices of a cavity deeper where the wall between their faces and the surface is thinner than `thickness`. A vertex moves along
-/// its grid edge only, so faces never intersect. Thin walls occur because distances are known at grid nodes only, and because the cavity
-/// has flat faces where the surface has a concave edge.
+/// Moves vertices of a cavity deeper into the solid where the wall between the cavity's faces and the outer surface is thinner than
+/// `thickness` mm. A vertex moves along its grid edge only, so faces never intersect. Thin walls occur because distances are known at grid
+/// nodes only, and because the cavity has flat faces where the surface has a concave edge.
 pub(super) fn keep_walls(
     contour: &mut Contour,
     tree: &TriangleTree,
@@ -32,7 +32,7 @@ pub(super) fn keep_walls(
     // The faces at which the thickness of the wall must be measured. A measurement stays valid until a corner of the face moves.
     let mut open = Vec::from_iter(0..contour.triangles.len());
     let starts = contour.points.clone();
-    // For each vertex, the distance that it has moved along its grid edge, as a fraction of the edge.
+    // For each vertex, the distance by which the vertex has moved along its grid edge, as a fraction of the edge.
     let mut gone = vec![0.0; starts.len()];
     for _ in 0..ROUNDS {
         let mut lacks = vec![0.0; contour.points.len()];

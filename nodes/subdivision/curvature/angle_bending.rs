@@ -15,7 +15,8 @@ pub struct AngleBending {
     pub area: f64,
 }
 
-/// Computes the curvature at the vertices of a triangle mesh from angles and cotangents; 0 at vertices without area.
+/// Computes the curvature at the vertices of a triangle mesh from angles and cotangents. The curvature is 0 at a vertex whose faces have no
+/// area.
 ///
 /// Meyer, Desbrun, Schroeder and Barr, "Discrete differential-geometry operators for triangulated 2-manifolds" (2003), eqs. 8 to
 /// 10. The sum of `gaussian * area` over a closed mesh is 2 pi times its Euler characteristic, exactly.
@@ -57,7 +58,7 @@ pub fn angle_bending(mesh: &Mesh) -> Vec<AngleBending> {
     (0..count)
         .map(|vertex| {
             let area = areas[vertex];
-            // The comparison is also false for NaN.
+            // The comparison is also false if the area is NaN.
             let is_determined = area > 0.0;
             if !is_determined {
                 return AngleBending::default();
@@ -76,7 +77,7 @@ pub fn angle_bending(mesh: &Mesh) -> Vec<AngleBending> {
 /// A corner of a triangle.
 pub(super) struct Corner {
     angle: f64,
-    /// The cotangent of the angle; 0 in a triangle without area, which therefore contributes nothing.
+    /// The cotangent of the triangle's angle at the corner; 0 in a triangle without area, which therefore contributes nothing.
     cotangent: f64,
 }
 

@@ -157,7 +157,7 @@ fn second_difference([before, here, after]: [Vector3<f64>; 3]) -> Vector3<f64> {
     after - here * 2.0 + before
 }
 
-/// Computes the curvature of the surface near the limit points of some vertices.
+/// Computes the curvature that the limit surface has near the limit points of the given vertices.
 fn close_by(
     mesh: &Mesh,
     limit: &Mesh,
@@ -194,7 +194,7 @@ fn close_by(
         .collect())
 }
 
-/// Finds for each position the nearest vertex, among the corners of the nearest face.
+/// Finds for each position the nearest of the corners of the nearest face; `None` if no nearest face is found.
 fn nearest_vertices(mesh: &Mesh, positions: &[Point3<f64>]) -> Vec<Option<u32>> {
     positions
         .iter()
@@ -213,7 +213,7 @@ fn nearest_vertices(mesh: &Mesh, positions: &[Point3<f64>]) -> Vec<Option<u32>> 
 }
 
 /// Extracts the faces within two edges of some vertices. The surface between each of the vertices and its neighbors depends on these faces.
-/// Also returns the index of each of the vertices in the extracted mesh; `None` for a vertex without faces.
+/// Also returns the index that each of the given vertices has in the extracted mesh; `None` for a vertex without faces.
 fn extract_neighborhood(mesh: &Mesh, vertices: &[u32]) -> Result<(Mesh, Vec<Option<u32>>), Error> {
     let mut marked = vec![false; mesh.positions().len()];
     vertices.iter().for_each(|&vertex| marked[vertex as usize] = true);
@@ -234,8 +234,8 @@ fn extract_neighborhood(mesh: &Mesh, vertices: &[u32]) -> Result<(Mesh, Vec<Opti
     (0..).zip(kept).for_each(|(number, kept)| *kept = Some(number));
     let own = vertices.iter().map(|&vertex| numbers[vertex as usize]).collect();
     let bare = Mesh::new(mesh.positions().to_vec(), mesh.faces().clone())?;
-    // The excerpt may have two parts that touch at a vertex, which is then split into copies. The first copy keeps the index. The curvature
-    // at such a vertex is not used.
+    // Extracted faces may form two parts that touch at a vertex. This vertex is then split into copies, the first of which keeps its index.
+    // The curvature at such a vertex is not used.
     let part = manifold(&select_faces(&bare.with_creases(mesh.creases())?, &faces)?)?;
     Ok((part, own))
 }

@@ -19,7 +19,7 @@ pub struct Bending {
 }
 
 impl Bending {
-    /// Keeps the directions of this curvature, but replaces all values by those computed from angles.
+    /// Returns the curvature values of `angles` with the principal directions of `self`.
     pub(super) fn replace_curvatures(self, angles: super::AngleBending) -> Self {
         let (gaussian, mean) = (angles.gaussian, angles.mean);
         let spread = (mean * mean - gaussian).max(0.0).sqrt();
@@ -29,7 +29,8 @@ impl Bending {
     /// Computes the curvature from the derivatives of any parametrization. Returns `None` if the tangents do not span a plane.
     ///
     /// The principal curvatures are the eigenvalues of the second fundamental form in an orthonormal frame of tangents: do Carmo,
-    /// *Differential Geometry of Curves and Surfaces* (1976), section 3.3. The sign is that for an outward normal.
+    /// *Differential Geometry of Curves and Surfaces* (1976), section 3.3. The sign is that for an outward normal: a sphere has positive
+    /// curvatures.
     pub(super) fn of_derivatives(
         [u, v]: [Vector3<f64>; 2],
         [uu, uv, vv]: [Vector3<f64>; 3],
@@ -45,7 +46,8 @@ impl Bending {
         Self::of_form(form, [first, second])
     }
 
-    /// Computes the curvature from the second fundamental form, given in a frame of two orthonormal tangents.
+    /// Computes the curvature from the second fundamental form, given in a frame of two orthonormal tangents. Returns `None` if an entry of
+    /// the form is not finite.
     fn of_form(form: Matrix2<f64>, [first, second]: [Vector3<f64>; 2]) -> Option<Self> {
         if !form.iter().all(|x| x.is_finite()) {
             return None;
@@ -54,7 +56,7 @@ impl Bending {
         let mean = (form.m11 + form.m22) / 2.0;
         let half = (form.m11 - form.m22) / 2.0;
         let spread = (half * half + across * across).sqrt();
-        // The direction can be computed by two formulas. The longer of the two results is more accurate.
+        // The first principal direction can be computed by two formulas. The longer of the two resulting vectors is more accurate.
         let [x, y] = if half >= 0.0 { [half + spread, across] } else { [across, spread - half] };
         let along = first * x + second * y;
         let along = along.try_normalize(0.0).unwrap_or(first);
@@ -87,7 +89,8 @@ impl Bending {
         let sums = around
             .iter()
             .map(|point| {
-                // Coordinates are divided by the size of the neighborhood, which gives all columns a similar magnitude.
+                // Coordinates are divided by the size of the neighborhood, which gives all columns of the least-squares matrix a similar
+                // magnitude.
                 let to = (point - middle) / size;
                 let [x, y, z] = [to.dot(&first), to.dot(&second), to.dot(&normal)];
                 let terms = Vector5::new(x * x, x * y, y * y, x, y);
@@ -96,9 +99,9 @@ impl Bending {
             .reduce(|a, b| (a.0 + b.0, a.1 + b.1));
         let (normal_rows, heights) = sums?;
         let cholesky = normal_rows.cholesky()?;
-        // The determinant is the product of the five eigenvalues. So it is at most the smallest eigenvalue times the fourth power of the
-        // greatest one, and the greatest is at most the sum of all. In most cases this bound already shows that the smallest eigenvalue is
-        // large enough.
+        // The determinant of the normal equations is the product of their five eigenvalues. So the determinant is at most the smallest
+        // eigenvalue times the fourth power of the greatest one, and the greatest eigenvalue is at most the sum of all. In most cases this
+        // bound already shows that the smallest eigenvalue is large enough.
         let sum = normal_rows.trace();
         let is_determined = cholesky.determinant() > 1e-9 * (sum * sum * sum * sum * sum) || {
             let sizes = normal_rows.symmetric_eigenvalues();

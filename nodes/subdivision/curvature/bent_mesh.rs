@@ -10,14 +10,15 @@ use super::curvature_ramp::CurvatureRamp;
 pub struct BentMesh {
     /// The mesh. For [`CurvatureMethod::Limit`](crate::CurvatureMethod::Limit) its vertices have been moved to the limit surface.
     pub mesh: Mesh,
-    /// The curvature at each vertex; `None` where it cannot be determined.
+    /// The curvature at each vertex; `None` where the curvature cannot be determined.
     pub bending: Vec<Option<Bending>>,
     /// For each vertex, true if the limit surface has no curvature there.
     pub extraordinary: Vec<bool>,
 }
 
 impl BentMesh {
-    /// Adds the curvature as vertex attributes, and vertex colors that show one of its values.
+    /// Returns the mesh with the curvature as vertex attributes, and with vertex colors that show the value chosen by `ramp`. `strongest`
+    /// is the curvature of the most saturated colors; 0 means the absolute value that 5 % of the vertices exceed.
     ///
     /// # Errors
     /// None occur: the attributes have one value per vertex.
@@ -64,7 +65,7 @@ impl BentMesh {
     }
 }
 
-/// Returns the absolute value that 5 % of the numbers exceed; a positive number even if all are 0.
+/// Returns the threshold that 5 % of the numbers exceed in absolute value. The threshold is positive even if all numbers are 0.
 fn percentile_95(numbers: &[f64]) -> f64 {
     let mut sizes: Vec<_> = numbers.iter().map(|number| number.abs()).collect();
     sizes.sort_by(f64::total_cmp);

@@ -15,7 +15,7 @@ fn the_angle_defects_of_a_closed_mesh_add_up_to_its_euler_characteristic() {
     }
 }
 
-/// The exact Gaussian and mean curvature of the torus at a point.
+/// The exact Gaussian and mean curvature of a torus with the radii 2 and 0.7 at a point.
 fn exact_curvatures(point: &Point3<f64>) -> [f64; 2] {
     let radius = (point.x * point.x + point.y * point.y).sqrt();
     let cosine = (radius - 2.0) / 0.7;
@@ -23,7 +23,7 @@ fn exact_curvatures(point: &Point3<f64>) -> [f64; 2] {
     [around / 0.7, (around + 1.0 / 0.7) / 2.0]
 }
 
-/// The largest errors of the Gaussian and of the mean curvature, in this order.
+/// The largest error of the Gaussian curvature and of the mean curvature at any vertex, compared with the exact torus.
 fn errors(data: &Mesh, bent: &BentMesh) -> [f64; 2] {
     let pairs = data.positions().iter().zip(&bent.bending);
     pairs.fold([0.0, 0.0], |[k, h], (point, bending)| {
@@ -40,7 +40,6 @@ fn interpolate_bent_mesh(data: &Mesh, scheme: Scheme) -> BentMesh {
         .unwrap()
 }
 
-// The measured errors on a torus are compared with reference errors.
 #[test]
 fn errors_on_a_torus_are_at_most_the_reference_errors() {
     const UNKNOWN: [f64; 2] = [f64::NAN; 2];
@@ -81,7 +80,7 @@ fn errors_on_a_torus_are_at_most_the_reference_errors() {
 
 #[test]
 fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
-    // A tube of triangles with edges along its axis, a direction in which the surface is straight.
+    // A tube of triangles with edges parallel to its axis, a direction in which the tube is straight.
     let (n, m) = (24u32, 9u32);
     fn name(i: u32, j: u32, n: u32) -> u32 {
         i % n + j * n

@@ -44,7 +44,7 @@ pub(super) fn cut_concave_corners(mesh: &Mesh) -> Result<(Mesh, bool), MeshError
 struct Sector<'a> {
     net: &'a Net,
     vertex: u32,
-    /// The other ends of the sector's edges, in order.
+    /// The vertices at the other ends of the edges from the sector's vertex, in order around the vertex.
     ends: &'a [u32],
 }
 
@@ -53,7 +53,7 @@ impl<'a> Sector<'a> {
         self.net.positions[self.ends[index] as usize] - self.net.positions[self.vertex as usize]
     }
 
-    /// Returns true if the plane spanned by the first and last edge has a normal opposite to that of the faces.
+    /// Returns true if the normal of the plane spanned by the sector's first and last edge is opposite to the normal of the sector's faces.
     fn folds(&self) -> bool {
         let last = self.ends.len() - 1;
         let spanned = self.spoke(0).cross(&self.spoke(last));
@@ -71,8 +71,8 @@ impl<'a> Sector<'a> {
         [&self.ends[..=index], &self.ends[index..]].map(|ends| Self { ends, ..*self })
     }
 
-    /// Adds the edges that divide the sector. It prefers edges that leave no fold, then edges whose other end is not on a crease (a sharp
-    /// edge would bend the crease), then edges near the middle.
+    /// Adds to `cuts` the edges that divide the sector. Prefers edges that leave no fold, then edges whose other end is not on a crease (a
+    /// sharp edge would bend the crease), then edges near the middle.
     fn cut(&self, cuts: &mut Vec<[u32; 2]>) {
         if self.ends.len() < 3 || !self.folds() {
             return;

@@ -17,8 +17,8 @@ pub(super) struct System {
     right: Vec<Column>,
 }
 
-/// The iterative solution ends at this residual, relative to the initial one. The remaining error is far below the change that the next
-/// search for nearest points causes.
+/// The iterative solution ends when the residual is at most this fraction of the initial residual. The remaining error is far below the
+/// change that the next search for nearest points causes.
 const PRECISION: f64 = 1e-6;
 
 /// The maximum number of steps of the iterative solution.

@@ -8,7 +8,8 @@ use nalgebra::Point3;
 
 use super::scan::Foot;
 
-/// The number of refinement steps of the mesh to which distances are measured. The vertices of this mesh are on the limit surface.
+/// The number of refinement steps from the control mesh to the mesh to which distances are measured. The vertices of the refined mesh are
+/// on the limit surface.
 pub(super) const LEVELS: u32 = 2;
 
 /// The nearest point of a surface to a given point.
@@ -33,7 +34,7 @@ pub(super) struct Feet {
     /// Each foot point as a weighted mean of three vertices of the refined mesh.
     pub(super) rows: Stencils,
     pub(super) missed: Residuals,
-    /// For each given point the nearest point of the surface; `None` if it is too far away.
+    /// For each given point the nearest point of the surface; `None` if the given point is too far from the surface.
     pub(super) nearest: Vec<Option<Nearest>>,
 }
 

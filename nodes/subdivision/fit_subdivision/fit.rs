@@ -21,7 +21,7 @@ pub struct FittedSubdivision {
     pub left_out: usize,
 }
 
-/// The iteration ends if it reduces the mean distance by less than this fraction.
+/// The fit ends with the first iteration that reduces the mean distance by less than this fraction.
 pub(super) const MIN_GAIN: f64 = 1e-3;
 
 /// Computes the control mesh of a Loop surface that minimizes the squared distances from the points. The control mesh has the faces of
@@ -50,7 +50,8 @@ pub fn fit_subdivision(
 /// The options and the state of the iteration.
 pub(super) struct Fit<'a> {
     pub(super) points: &'a [Point3<f64>],
-    /// The scanned surface, if given. In this case the fitted surface must be near the scan everywhere, and must not fold.
+    /// The scanned surface; `None` if only points are given. With a scan, the fitted surface must be near the scan everywhere, and must not
+    /// fold.
     pub(super) scan: Option<&'a Scan<'a>>,
     pub(super) smoothing: f64,
     pub(super) iterations: u32,

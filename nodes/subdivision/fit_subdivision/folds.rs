@@ -2,10 +2,10 @@
 
 use maquette_value::Mesh;
 
-/// A refined surface has a fold where the cosine between the normals of two neighboring faces is less than this.
+/// A refined surface has a fold between two neighboring faces if the cosine of the angle between their normals is less than this value.
 const MIN_COSINE: f64 = -0.2;
 
-/// Finds the control faces at which a surface folds, sorted. `fine` is the surface after `levels` refinement steps.
+/// Returns the sorted indices of the control faces at which a surface folds. `fine` is the surface after `levels` refinement steps.
 pub(super) fn folds(fine: &Mesh, levels: u32) -> Vec<u32> {
     let edges = fine.edges();
     let mut sides = vec![None; edges.vertices.len()];

@@ -17,16 +17,16 @@ const LEVELS: u32 = 1;
 /// The part of a control mesh that a move (an edge operation) changes, together with its neighborhood.
 pub(super) struct Local {
     mesh: Mesh,
-    /// For each vertex of the part its index in the control net.
+    /// For each vertex of this part of the control net, the vertex's index in the whole net.
     vertices: Vec<u32>,
     surface: ComposedLimit,
-    /// The number of faces in which distances are measured. These are the first faces.
+    /// The number of faces over which distances are measured. They are the first faces of `mesh`.
     measured: usize,
-    /// The vertices that may move.
+    /// The indices of the vertices that the fit may move. All other vertices stay.
     free: Vec<usize>,
 }
 
-/// The measured distances of a part of a control mesh.
+/// The measured distances between a part of a control mesh's surface and the scan.
 pub(super) struct Measure {
     /// The sum of the squared distances in both directions: from the surface to the scan, and from the scan to the surface.
     pub(super) cost: f64,
@@ -36,7 +36,8 @@ pub(super) struct Measure {
 }
 
 impl Local {
-    /// Extracts the part of a net around a change, as it is after the change. Returns `None` if the part is not manifold.
+    /// Extracts the part of a net around a change by an edge operation, as the part is after the change. Returns `None` if the part is not
+    /// manifold.
     pub(super) fn new(net: &Net, change: &Change, around: &Surroundings) -> Option<Self> {
         let [measured, margin] = [&around.measured, &around.margin].map(|faces| {
             let kept = faces.iter().filter(|face| !change.removed.contains(face));
@@ -51,7 +52,7 @@ impl Local {
             })
             .ok()?;
         let mesh = with_sharp(&mesh, &vertices, |ends| net.sharpness(ends, change)).ok()?;
-        // The part may touch itself at a vertex of its margin. Such a vertex is duplicated.
+        // The extracted part may touch itself at a vertex on its margin. Duplicate such a vertex.
         let mesh = manifold(&mesh).ok()?;
         let moved = change.position.map(|(vertex, _)| vertex);
         let free = sort_and_dedup(around.free.iter().copied().chain(moved).collect());
@@ -60,7 +61,8 @@ impl Local {
         Some(Self { mesh, vertices, surface, measured: measured.len(), free })
     }
 
-    /// Measures the distances between the part and `points`, and between the part and the scan.
+    /// Measures the distances between the part's surface and `points`, and between the part's surface and the scan. Returns `None` if the
+    /// part has no nearest point to one of the points.
     pub(super) fn measure(&self, points: &[Point3<f64>], scan: &Scan<'_>) -> Option<Measure> {
         let fine = self.fine()?;
         let nearest = TriangleTree::new(&fine).nearest_to_all(points).into_iter();
@@ -70,7 +72,7 @@ impl Local {
         Some(Measure { cost: cost + scan.cost(&fine), folds: folds(&fine, LEVELS).len(), nearest })
     }
 
-    /// Moves the free vertices to minimize the distances between surface and scan. Returns the distances after the move.
+    /// Moves the free vertices to minimize the distances between surface and scan. Returns the distances afterwards.
     pub(super) fn fit(
         &mut self,
         points: &[Point3<f64>],
@@ -94,7 +96,8 @@ impl Local {
         Mesh::new(fine.positions().clone(), Faces::triangles(faces)).ok()
     }
 
-    /// Computes all positions of the part. Those of free vertices are computed by least squares; the others do not change.
+    /// Returns the positions of all vertices of the part: those of free vertices by least squares, the others unchanged. Returns `None` if
+    /// the system cannot be set up or solved.
     fn solve_positions(
         &self,
         points: &[Point3<f64>],
@@ -132,7 +135,7 @@ impl Local {
 /// The least-squares equations of the free vertices of a part.
 struct Equations<'a> {
     local: &'a Local,
-    /// For each vertex of the part its index among the free vertices; `None` if it is not free.
+    /// For each vertex of the part of the control net, its index among the free vertices; `None` if the vertex is not free.
     unknown: Vec<Option<usize>>,
     matrix: DMatrix<f64>,
     right: DMatrix<f64>,
@@ -165,7 +168,8 @@ impl<'a> Equations<'a> {
         }
     }
 
-    /// Solves for the free vertices and returns all positions. Vertices that the equations do not determine do not move.
+    /// Solves for the free vertices and returns the positions of all vertices; `None` if the equations cannot be solved. Vertices that the
+    /// equations do not determine do not move.
     fn solve_equations(mut self) -> Option<Vec<Point3<f64>>> {
         let mut positions = self.local.mesh.positions().to_vec();
         let least = 1e-9 * (1.0 + self.matrix.trace());

@@ -67,7 +67,7 @@ impl Default for Prices {
     }
 }
 
-/// The error of a scan without faces.
+/// The error message for a scan without faces.
 pub(super) const NO_SURFACE: &str = "`moves: ByEnergy` also measures distances between the points: expected a mesh with faces as `points`; \
                                      use `Reconstruct` for points and `Triangulate` for range images";
 
@@ -116,10 +116,11 @@ pub fn fit_by_moves(
 /// The number of edges whose moves are evaluated in parallel.
 const BATCH: usize = 32;
 
-/// A move must lower the energy by at least this fraction of the price. This ensures that the search ends.
+/// A move must lower the energy by at least this fraction of the price of a sharp edge (for changes of sharpness) or of a vertex (for all
+/// other moves). This ensures that the search ends.
 const MIN_GAIN: f64 = 0.1;
 
-/// A control mesh while edge operations improve it.
+/// A control mesh that is being improved by edge operations.
 struct EdgeOptimizer<'a> {
     net: Net,
     scan: &'a Scan<'a>,
@@ -196,8 +197,8 @@ impl<'a> EdgeOptimizer<'a> {
         Ok((self.net.mesh()?.0.with_frame(fitted.frame().copied()), made))
     }
 
-    /// Takes the next edges whose moves are independent of each other; they are evaluated in parallel. The order of the edges does not
-    /// depend on the number of threads.
+    /// Takes the next edges whose moves (edge operations) are independent of each other and can be evaluated in parallel. The order of the
+    /// edges does not depend on the number of threads.
     fn take_independent_moves(
         &self,
         waiting: &mut VecDeque<[u32; 2]>,
@@ -234,7 +235,7 @@ impl<'a> EdgeOptimizer<'a> {
         Some(Surroundings { free, measured, margin })
     }
 
-    /// Finds the move at an edge that lowers the energy most; `None` if no move lowers it.
+    /// Finds the move (edge operation) at an edge that lowers the energy most; `None` if no move lowers the energy enough.
     fn best_move(&self, edge: [u32; 2], around: &Surroundings) -> Option<Outcome> {
         let points: Vec<Point3<f64>> =
             self.points_near(around).map(|point| self.scan.points()[point as usize]).collect();

@@ -8,8 +8,8 @@ use nalgebra::{Point3, Vector3, center};
 /// The entry of a removed face in the list of faces.
 const REMOVED: [u32; 3] = [u32::MAX; 3];
 
-/// The cosine of 20 degrees. An edge may become sharp only if the angle between the normals of its faces is greater; a smaller angle looks
-/// smooth.
+/// The cosine of 20 degrees. An edge may become sharp only if the angle between the normals of its two faces is greater; edges with a
+/// smaller angle look smooth.
 const SMOOTH_COSINE: f64 = 0.939_692_620_785_908_4;
 
 /// The kind of an edge operation.
@@ -19,7 +19,7 @@ pub(super) enum Move {
     Collapse,
     /// Inserts a vertex at the midpoint of an edge.
     Split,
-    /// Replaces an edge by the edge between the two vertices opposite to it.
+    /// Replaces the diagonal of the quad formed by an edge's two triangles by the quad's other diagonal.
     Swap,
     /// Makes a smooth edge sharp, or a sharp edge smooth.
     Tag,
@@ -34,7 +34,7 @@ impl Move {
 pub(super) struct Change {
     pub(super) removed: Vec<u32>,
     pub(super) added: Vec<[u32; 3]>,
-    /// A vertex and its new position. The vertex may be a new one.
+    /// A vertex that moves or is added, and its new position; `None` if no vertex moves.
     pub(super) position: Option<(u32, Point3<f64>)>,
     /// The edges whose sharpness changes, with the new sharpness; 0 means smooth.
     pub(super) sharp: Vec<([u32; 2], f64)>,
@@ -46,7 +46,7 @@ pub(super) struct Change {
 pub(super) struct Net {
     pub(super) positions: Vec<Point3<f64>>,
     pub(super) faces: Vec<[u32; 3]>,
-    /// The faces around each vertex.
+    /// The indices of the faces around each vertex.
     around: Vec<Vec<u32>>,
     /// The sharpness of each sharp edge. The key is the edge's vertices in ascending order.
     sharp: BTreeMap<[u32; 2], f64>,
@@ -114,7 +114,7 @@ impl Net {
         Ok((Mesh::new(positions, Faces::triangles(faces))?, vertices))
     }
 
-    /// Returns the sharpness that an edge has after a change; `None` if it is smooth.
+    /// Returns the sharpness that an edge has after a change; `None` if the edge is smooth then.
     pub(super) fn sharpness(&self, ends: [u32; 2], change: &Change) -> Option<f64> {
         let new = change.sharp.iter().find(|(other, _)| *other == ends).map(|(_, sharp)| *sharp);
         new.or_else(|| self.sharp.get(&ends).copied()).filter(|sharp| 0.0 < *sharp)
@@ -130,14 +130,14 @@ impl Net {
         edges
     }
 
-    /// Returns all faces around some vertices, without duplicates.
+    /// Returns the faces that contain at least one of the given vertices, without duplicates.
     pub(super) fn faces_around(&self, vertices: &[u32]) -> Vec<u32> {
         sort_and_dedup(
             vertices.iter().flat_map(|&vertex| self.around[vertex as usize].clone()).collect(),
         )
     }
 
-    /// Returns all vertices of some faces, without duplicates.
+    /// Returns the corners of the given faces, without duplicates.
     pub(super) fn corners_of(&self, faces: &[u32]) -> Vec<u32> {
         let corners = faces.iter().map(|&face| self.faces[face as usize]);
         sort_and_dedup(corners.filter(|corners| *corners != REMOVED).flatten().collect())
@@ -203,7 +203,8 @@ impl Net {
         self.sharp.insert(sort_ends(edge), sharpness);
     }
 
-    /// Returns the effect of an operation on an edge; `None` if it would change the topology of the surface, its border or its creases.
+    /// Returns the effect of an operation on an edge; `None` if the operation would change the topology of the surface, of its border or of
+    /// its creases.
     pub(super) fn change(&self, kind: Move, edge: [u32; 2]) -> Option<Change> {
         match kind {
             Move::Collapse => self.collapse(edge),
@@ -234,7 +235,7 @@ impl Net {
         };
         let others = self.neighbors(b);
         let common: Vec<_> = self.neighbors(a).into_iter().filter(|v| others.contains(v)).collect();
-        // A vertex opposite the edge loses a face. Its remaining faces must still form a fan.
+        // A vertex opposite the collapsed edge loses a face. The vertex's remaining faces must still form a fan.
         let ring = common.iter().any(|v| sharp[0].contains(v) && sharp[1].contains(v));
         if common.len() != sides.len()
             || common.iter().any(|&apex| {
@@ -300,8 +301,8 @@ impl Net {
     fn swap(&self, [a, b]: [u32; 2]) -> Option<Change> {
         let removed = self.faces_at_edge([a, b]);
         let [f, g] = removed[..] else { return None };
-        // The corners of both faces, beginning with the corner opposite the edge. The second face traverses the edge in the other
-        // direction.
+        // Find the corners of the two faces at the edge, beginning with the corner opposite the edge. The second face traverses the edge in
+        // the other direction.
         let [c, from, to] = self.corners_from_opposite(f, [a, b])?;
         let [d, ..] = self.corners_from_opposite(g, [a, b])?;
         let taken = c == d || !self.faces_at_edge([c, d]).is_empty();
@@ -343,7 +344,7 @@ impl Net {
         })
     }
 
-    /// Performs a change. `new` is the index for the new vertex of the change, if it has one. Returns the added faces.
+    /// Performs a change. `new` is the index for the new vertex, if the change adds one. Returns the indices of the added faces.
     pub(super) fn apply(&mut self, change: &Change, new: u32) -> Vec<u32> {
         for &face in &change.removed {
             for vertex in std::mem::replace(&mut self.faces[face as usize], REMOVED) {

@@ -14,7 +14,7 @@ pub(super) struct Scan<'a> {
 /// The nearest point of a scan to a vertex of another surface.
 pub(super) struct Foot {
     pub(super) vertex: u32,
-    /// The weight of the vertex: its area divided by the scan's area per point.
+    /// The weight of the vertex: the vertex's area divided by the scan's area per point.
     pub(super) weight: f64,
     pub(super) position: Point3<f64>,
     pub(super) distance_sq: f64,
@@ -58,8 +58,8 @@ impl<'a> Scan<'a> {
         feet.collect()
     }
 
-    /// Returns the sum of the squared distances between the vertices of a surface and the scan, each multiplied by the weight of its
-    /// vertex.
+    /// Returns the weighted sum of the squared distances of a surface's vertices from the scan. The weight of a vertex is proportional to
+    /// its area.
     pub(super) fn cost(&self, fine: &Mesh) -> f64 {
         self.feet(fine).iter().map(|foot| foot.weight * foot.distance_sq).sum()
     }

@@ -60,7 +60,7 @@ fn distant_points_are_ignored_and_no_near_points_are_an_error() {
     assert_eq!(far.unwrap_err().to_string(), apart);
 }
 
-/// Creates a cube of edge 2. Each of its faces is divided into `n` by `n` squares of two triangles.
+/// Creates a cube with edges of length 2. Each side of the cube is divided into `n` by `n` squares of two triangles.
 fn divided_cube(n: usize) -> Mesh {
     fn coordinate(k: usize, n: usize) -> f64 {
         2.0 * k as f64 / n as f64 - 1.0
@@ -116,7 +116,7 @@ fn energy_finds_the_edges_of_a_cube() {
     assert!(rms(&found) < rms(&smooth) / 20.0, "{} {}", rms(&found), rms(&smooth));
     let beyond = farthest(&found.mesh, &scan);
     assert!(beyond < 0.02, "{beyond}");
-    // A sharp edge is on an edge of the cube if two coordinates of its ends are 1 in absolute value.
+    // The end of a sharp edge is on an edge of the cube if two of its coordinates are about 1 in absolute value.
     fn on_edge(vertex: u32, found_mesh: &Mesh) -> bool {
         let position = found_mesh.positions()[vertex as usize];
         position.iter().filter(|x| 0.9 < x.abs()).count() >= 2

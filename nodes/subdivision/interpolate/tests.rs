@@ -39,14 +39,14 @@ fn interpolate_mesh(
     interpolate(mesh, scheme, options, &[], &Progress::silent()).unwrap()
 }
 
-/// The largest distance between a vertex and the limit point of its control point.
+/// The largest distance between a given vertex and the limit point of the control point with the same index.
 fn farthest(mesh: &Mesh, control: &Mesh, scheme: Scheme) -> f64 {
     let surface = limits(control, scheme).positions.apply(control.positions());
     let pairs = mesh.positions().iter().zip(&surface);
     pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
 }
 
-/// Returns the numbers of iterations after which the largest distance is at most 1e-3, 1e-6 and 1e-10 of the initial one.
+/// Returns the numbers of iterations after which the largest distance is at most 1e-3, 1e-6 and 1e-10 times the initial distance.
 fn counts(mesh: &Mesh, scheme: Scheme, solver: Solver) -> [u64; 3] {
     let trace = interpolate_mesh(mesh, scheme, &options(solver, 1e-13)).trace;
     let first = trace.steps()[0].max;
@@ -56,7 +56,6 @@ fn counts(mesh: &Mesh, scheme: Scheme, solver: Solver) -> [u64; 3] {
     })
 }
 
-// The measured numbers of iterations are compared with reference numbers.
 #[test]
 fn solvers_need_the_reference_numbers_of_iterations() {
     let cube = refine_mesh(&cube(), Scheme::CatmullClark, 4, false);
@@ -99,8 +98,8 @@ fn solvers_need_the_reference_numbers_of_iterations() {
         ("smooth torus", Scheme::CatmullClark, torus(60, 30, false), [2, 3, 5], [2, 2, 2]),
     ];
     for (name, scheme, mesh, plain, pcg) in cases {
-        // The noise of the mesh differs from that of the reference. The `Plain` counts depend on slowly converging components of the noise,
-        // so they may differ by a fraction.
+        // The test meshes have other noise than those of the reference. The `Plain` counts depend on slowly converging components of the
+        // noise, so they may differ by 6 %.
         for (solver, expected, allowed) in [(Solver::Plain, plain, 3), (Solver::Pcg, pcg, 2)] {
             let counts = counts(&mesh, scheme, solver);
             for (count, expected) in counts.into_iter().zip(expected) {
@@ -143,7 +142,7 @@ fn every_solver_interpolates_closed_open_and_creased_meshes() {
     }
 }
 
-/// The smallest eigenvalue of the limit masks.
+/// The smallest eigenvalue of the matrix of limit masks.
 fn smallest(mesh: &Mesh, scheme: Scheme) -> f64 {
     let limit = limits(mesh, scheme);
     let matrix = limit_matrix(&limit, mesh.faces(), &[]);

@@ -52,7 +52,8 @@ fn interpolate_points(
     interpolate_curve(curve, basis, options, &Progress::silent()).unwrap()
 }
 
-/// Returns the numbers of iterations after which the largest distance is below 1e-3, 1e-4, 1e-5 and 1e-6 of the diagonal.
+/// Returns the numbers of iterations after which the largest distance is below 1e-3, 1e-4, 1e-5 and 1e-6 of the diagonal of the points'
+/// bounding box.
 fn counts(curve: &Curve, basis: CurveBasis, options: &Interpolation) -> [u64; 4] {
     let size = crate::solve::extent::diagonal(curve.points());
     let trace = interpolate_points(curve, basis, options).trace;

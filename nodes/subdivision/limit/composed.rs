@@ -20,7 +20,7 @@ use crate::{Boundary, Creases, Scheme};
 pub(crate) struct ComposedLimit {
     /// The limit points as weighted sums of the control points: about 15 entries per row.
     pub(crate) rows: Stencils,
-    /// The faces of the refined mesh.
+    /// The faces of the mesh after all refinement steps.
     faces: Faces,
 }
 
@@ -65,7 +65,7 @@ impl ComposedLimit {
         Ok(Self { rows, faces: topology.faces })
     }
 
-    /// Returns the refined mesh for these control points, with its vertices moved to the limit surface.
+    /// Returns the refined mesh for the control points `control`, with the vertices of the refined mesh moved to the limit surface.
     ///
     /// # Errors
     /// If a position is infinite.

@@ -66,7 +66,8 @@ impl DualLimit {
         stencils
     }
 
-    /// Returns two tangents for each of some vertices that have a face.
+    /// Returns two tangents for each of the given vertices, but none for a vertex without faces. Also returns the index of each vertex's
+    /// first tangent.
     pub(crate) fn tangents(&self, vertices: &[u32]) -> (Stencils, Column<u32>) {
         Stencils::build(vertices.len(), |scratch: &mut Scratch, item, rows| {
             let vertex = vertices[item] as usize;
@@ -76,8 +77,8 @@ impl DualLimit {
                 return;
             }
             if let Some(corners) = self.lone_face(ring) {
-                // The tangents are the first Fourier mode of the face's corners. A refinement step halves this mode, because its
-                // convolution with `alpha` is half of it.
+                // The tangents are the first Fourier mode of the face's corners. A refinement step halves this mode, because the
+                // convolution of this mode with `alpha` is half of the mode.
                 for part in 0..2 {
                     let n = corners.len();
                     (0..n).zip(corners).for_each(|(j, &corner)| {
@@ -107,7 +108,7 @@ impl DualLimit {
             row.clear();
             for (j, &half) in halves.iter().enumerate() {
                 let weight = match halves.len() {
-                    // With two edges at the vertex one tangent connects the two new vertices, and the other tangent runs across this
+                    // If the vertex has two edges, one tangent connects the two new vertices, and the other tangent runs across this
                     // connection.
                     2 if part == 1 => 0.0,
                     n => root_of_unity(j, n)[part],
@@ -151,7 +152,7 @@ impl DualLimit {
         vec![owner, self.mesh.next(twin), twin, self.mesh.next(owner)]
     }
 
-    /// Adds `share` times the weights of the new vertex at a corner.
+    /// Adds to `row` the weights of the new vertex at a corner, multiplied by `share`.
     fn push_inner(&self, half: u32, share: f64, row: &mut Vec<(u32, f64)>) {
         let face = self.mesh.face_of(half) as usize;
         let (corners, k) =

@@ -75,7 +75,7 @@ impl FinerDualLimit {
                 second += point * sine;
             }
             *position = (sum / n as f64).into();
-            // With two corners the sines are zero up to rounding, so the tangents do not span a plane.
+            // In a face with two corners the sines are zero up to rounding, so the tangents do not span a plane.
             let is_plane = n > 2;
             let across = first.cross(&second).try_normalize(0.0).filter(|_| is_plane);
             *normal = across.unwrap_or_default().into();
@@ -90,7 +90,7 @@ impl FinerDualLimit {
         limit.without_attribute("normal").with_vertex("normal", Attribute::Vector(normals.into()))
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         let rows = self.positions.size() + self.tangents.size() + self.sides.size();
         let lists = self.limit.starts.len() + self.border.len();

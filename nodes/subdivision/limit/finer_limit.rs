@@ -144,7 +144,7 @@ impl FinerLimit {
         self.last.coarser.rules.scheme
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         self.last.size() + self.positions.size() + self.tangents.size() + self.sides.size()
     }

@@ -25,8 +25,8 @@ use crate::rules::Rules;
 /// The number of vertices per parallel task.
 const BLOCK: usize = 4096;
 
-/// The maximum number of entries in the limit masks, which need about 5 GB for positions and tangents. A face with `m` corners causes about
-/// `m` entries for each of its corners.
+/// The maximum number of entries in the limit masks of a mesh. Masks of this size need about 5 GB of memory for positions and tangents. A
+/// face with `m` corners causes about `m` entries for each of its corners.
 const ENTRIES: Most =
     Most { max: 1 << 27, items: "numbers", help: "divide its faces with many corners" };
 

@@ -16,13 +16,14 @@ use crate::refine::half_edges::HalfEdges;
 pub(crate) struct CatmullClarkMasks;
 
 impl Masks for CatmullClarkMasks {
-    /// The new vertex is `(n - 2)/n v + 1/n^2 sum e_j + 1/n^2 sum F_j`.
+    /// A step moves a vertex `v` with `n` neighbors `e_j` and face centroids `F_j` to `(n - 2)/n v + 1/n^2 sum e_j + 1/n^2 sum F_j`.
     fn vertex(&self, n: usize) -> [f64; 3] {
         let n = n as f64;
         [(n - 2.0) / n, 1.0 / (n * n), 1.0 / (n * n)]
     }
 
-    /// The limit point is `(n (n - 1) v + 2 sum e_j + 4 sum F_j) / (n (n + 5))`.
+    /// The limit point of a vertex `v` with `n` neighbors `e_j` and face centroids `F_j` is `(n (n - 1) v + 2 sum e_j + 4 sum F_j) / (n (n
+    /// + 5))`.
     fn limit(&self, n: usize) -> [f64; 3] {
         let n = n as f64;
         [(n - 1.0) / (n + 5.0), 2.0 / (n * (n + 5.0)), 4.0 / (n * (n + 5.0))]
@@ -35,7 +36,8 @@ impl Masks for CatmullClarkMasks {
         mesh.vertices() as u32 + mesh.face_of(half)
     }
 
-    /// With only two neighbors the eigenvectors do not give a tangent plane; the tangents are then the directions of both edges.
+    /// At a vertex with only two neighbors, the eigenvectors do not give a tangent plane; the tangents are then the directions of the two
+    /// edges.
     fn tangents(&self, [first, second]: [&mut Weights; 2]) {
         let n = first.neighbors.len();
         if n < 3 {

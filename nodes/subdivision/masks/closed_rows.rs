@@ -13,7 +13,8 @@ use crate::Scheme;
 use crate::limit::dual_limit::alpha;
 use crate::refine::topology::Topology;
 
-/// The maximum number of corners at a vertex: the search for the next corner of a ring takes time proportional to it.
+/// The maximum number of face corners at a vertex for this fast path. The search for the next corner of a ring takes time proportional to
+/// the number of corners.
 const MAX_VALENCE: usize = 64;
 
 /// The number of vertices per parallel task.
@@ -82,7 +83,7 @@ fn ring<const SIDES: usize>(corners: &[u32], own: &[u32], to: &mut [u32]) -> boo
         }
         let Some(after) = ends.iter().position(|ends| ends[0] == previous) else { return false };
         at = after;
-        // The ring must return to the first corner after it has visited all other corners, and not earlier.
+        // The ring of faces must return to the first corner after visiting all other corners, and not earlier.
         if (at == 0) != (index + 1 == n) {
             return false;
         }
@@ -90,8 +91,8 @@ fn ring<const SIDES: usize>(corners: &[u32], own: &[u32], to: &mut [u32]) -> boo
     true
 }
 
-/// Returns three weights of the limit mask for a vertex with `n` neighbors: that of the vertex, of each neighbor, and of each opposite
-/// corner of a quad.
+/// Returns the limit mask of a vertex with `n` neighbors as three weights: of the vertex itself, of each neighbor, and of each quad corner
+/// opposite the vertex.
 fn mask(scheme: Scheme, n: usize) -> [f64; 3] {
     let n = n.max(1);
     match scheme {
@@ -118,7 +119,7 @@ struct Fans {
 }
 
 impl Fans {
-    /// Finds the corners at each vertex. Returns `None` if a vertex has fewer than three corners, or too many.
+    /// Finds the corners at each vertex. Returns `None` if a vertex has fewer than three or more than `MAX_VALENCE` corners.
     fn new(corners: &[u32], vertices: usize) -> Option<Self> {
         let mut starts = vec![0u32; vertices + 1];
         corners.iter().for_each(|&vertex| starts[vertex as usize] += 1);

@@ -14,13 +14,13 @@ use crate::refine::half_edges::HalfEdges;
 pub(crate) struct LoopMasks;
 
 impl Masks for LoopMasks {
-    /// The new vertex is `(1 - n beta) v + beta sum e_j`.
+    /// A step moves a vertex `v` with `n` neighbors `e_j` to `(1 - n beta) v + beta sum e_j`.
     fn vertex(&self, n: usize) -> [f64; 3] {
         let beta = beta(n);
         [1.0 - n as f64 * beta, beta, 0.0]
     }
 
-    /// The limit point is `(w v + sum e_j) / (w + n)` with `w = 3 / (8 beta)`.
+    /// The limit point of a vertex `v` with `n` neighbors `e_j` is `(w v + sum e_j) / (w + n)` with `w = 3 / (8 beta)`.
     fn limit(&self, n: usize) -> [f64; 3] {
         let w = 0.375 / beta(n);
         let neighbor = 1.0 / (w + n as f64);
@@ -41,8 +41,8 @@ impl Masks for LoopMasks {
         }
     }
 
-    /// Hoppe et al. (1994), table 2; the sign of the row for four and more faces is changed, which makes all tangents point into the
-    /// surface.
+    /// Uses the masks of Hoppe et al. (1994), table 2, for the tangent across a crease. The sign of the row for four and more faces is
+    /// changed, so that all tangents point into the surface.
     fn across(&self, to: &mut Weights) {
         let q = to.neighbors.len() - 1;
         let angle = PI / q as f64;

@@ -10,7 +10,7 @@ use crate::refine::face_order::FaceOrder;
 use crate::refine::half_edges::NONE;
 use crate::refine::split::{Corners, Split, Triangles};
 
-/// The direct formulas of a scheme, and its masks for all other vertices and edges.
+/// The direct formulas of a scheme for regular vertices and smooth edges, and the scheme's masks for all other vertices and edges.
 pub(crate) trait RegularRules: Split {
     type Masks: Masks + Default;
 
@@ -23,7 +23,8 @@ pub(crate) trait RegularRules: Split {
         faces: impl Iterator<Item = Point3<f64>>,
     ) -> Point3<f64>;
 
-    /// Computes the new vertex on a smooth edge with these half-edges; `faces` are the new vertices inside the faces.
+    /// Computes the new vertex on the smooth edge with the half-edges `halves`. `faces` are the new vertices inside the two faces of the
+    /// edge.
     fn on_edge(
         self,
         walk: &impl Walk,

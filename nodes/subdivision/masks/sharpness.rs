@@ -16,8 +16,8 @@ pub(crate) struct Sharpness<'a, H> {
     rules: Rules<()>,
     /// The creases as pairs of edge and sharpness, sorted by edge. Boundary edges are sharp even if they are not listed.
     creases: &'a [(u32, f64)],
-    /// The vertices at semi-sharp creases, sorted, each with the number of its semi-sharp creases and the sum of their sharpness. Filled
-    /// only for Chaikin's rule.
+    /// The vertices at semi-sharp creases, sorted, each with the number of its semi-sharp creases and the sum of their sharpness. Empty
+    /// unless Chaikin's rule is used.
     softening: Vec<(u32, u32, f64)>,
 }
 
@@ -26,18 +26,18 @@ pub(crate) struct Sharpness<'a, H> {
 pub(crate) enum Class {
     /// The vertex has no sharp edge, or exactly one, at which a crease ends.
     Smooth,
-    /// The vertex has two sharp edges, at these indices of its ring.
+    /// The vertex has two sharp edges. The numbers are the indices of these edges in the vertex's ring.
     Crease(usize, usize),
     /// The vertex has more than two sharp edges, or the boundary rule makes it a corner. The vertex does not move.
     Corner,
 }
 
-/// The sharpness of the edges of a ring, in its order.
+/// The sharpness of the edges around a vertex, in the order of the vertex's ring.
 #[derive(Default)]
 pub(crate) struct Edges {
-    /// The sharpness of each edge before the step.
+    /// The sharpness of each edge before a refinement step.
     pub(crate) before: Vec<f64>,
-    /// The sharpness after the step of each edge's half at the vertex.
+    /// The sharpness that the half of each edge at the vertex has after the refinement step.
     pub(crate) after: Vec<f64>,
 }
 
@@ -121,7 +121,8 @@ impl<'a, H: HalfEdges> Sharpness<'a, H> {
         }
     }
 
-    /// Returns the creases after one step. `children(e)` returns the two halves of edge `e`, first the one at its owner's start.
+    /// Returns the creases after one step. `children(e)` returns the two halves of edge `e`, first the half at the start of the edge's
+    /// owner (its first half-edge).
     pub(crate) fn refine(&self, children: impl Fn(u32) -> [u32; 2]) -> Vec<(u32, f64)> {
         let halves = self.creases.iter().flat_map(|&(edge, sharpness)| {
             let halves = children(edge).into_iter().zip(self.mesh.ends(edge));
@@ -134,8 +135,8 @@ impl<'a, H: HalfEdges> Sharpness<'a, H> {
 }
 
 impl Edges {
-    /// Returns the weight of the old class in the blend for a vertex whose class changes: the mean sharpness of the edges that become
-    /// smooth in this step.
+    /// For a vertex whose class changes in a refinement step, the results of both classes are blended. Returns the weight of the old class:
+    /// the mean sharpness of the edges that become smooth in the step.
     pub(crate) fn old_class_weight(&self) -> f64 {
         let ending = self.before.iter().zip(&self.after).filter(|(s, t)| **s > 0.0 && **t == 0.0);
         let (sum, count) = ending.fold((0.0, 0.0), |(sum, count), (s, _)| (sum + s, count + 1.0));

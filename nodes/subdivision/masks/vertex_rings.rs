@@ -16,12 +16,14 @@ use crate::Creases;
 use crate::refine::half_edges::{HalfEdges, Ring};
 use crate::rules::Rules;
 
-/// The masks of a scheme.
+/// The masks of a primal subdivision scheme: the weights of old vertices in new vertices, limit points and tangents.
 pub(crate) trait Masks: Sync {
-    /// Returns the weights of `v`, of each `e_j` and of each `F_j` in the new vertex that replaces a smooth vertex.
+    /// Returns three weights in the new vertex that replaces a smooth vertex with `n` neighbors: of the old vertex `v`, of each neighbor
+    /// `e_j` and of each face centroid `F_j`.
     fn vertex(&self, n: usize) -> [f64; 3];
 
-    /// Returns the weights of `v`, of each `e_j` and of each `F_j` in the limit point of a smooth vertex.
+    /// Returns three weights in the limit point of a smooth vertex with `n` neighbors: of the vertex `v`, of each neighbor `e_j` and of
+    /// each face centroid `F_j`.
     fn limit(&self, n: usize) -> [f64; 3];
 
     /// Two weights in the new vertex on a smooth edge: that of each end, and that of the opposite point (see `opposite`) on each side.
@@ -30,8 +32,8 @@ pub(crate) trait Masks: Sync {
     /// Returns the matrix column of the point opposite a half-edge in its face: a corner, or the face's centroid.
     fn opposite(&self, mesh: &impl HalfEdges, half: u32) -> u32;
 
-    /// Adds `share` times the rule of a smooth edge: adds the weights of the ends to `ends`, and pushes the other weights to the current
-    /// row.
+    /// Adds `share` times the mask of the new vertex on a smooth edge: adds the weights of the edge's ends to `ends`, and pushes the other
+    /// weights to the current row.
     fn edge(
         &self,
         mesh: &impl HalfEdges,
@@ -47,7 +49,8 @@ pub(crate) trait Masks: Sync {
         }
     }
 
-    /// Writes the weights of `e_j` and `d_j` in two tangents of a smooth vertex. The second tangent is counter-clockwise from the first.
+    /// Writes the weights of the neighbors `e_j` and opposite corners `d_j` in two tangents of a smooth vertex. The second tangent is
+    /// counter-clockwise from the first.
     fn tangents(&self, to: [&mut Weights; 2]);
 
     /// Writes the weights of a tangent on one side of a crease, where the vertex has the neighbors `e_0..=e_q`. The tangent points into the
@@ -55,7 +58,7 @@ pub(crate) trait Masks: Sync {
     fn across(&self, to: &mut Weights);
 }
 
-/// Weights of a vertex, its neighbors, and its faces (their centroids or opposite corners).
+/// A mask: the weights of a vertex, of its neighbors, and of its faces (of their centroids or of their corners opposite the vertex).
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Weights {
     pub(crate) own: f64,
@@ -167,7 +170,7 @@ impl<H: HalfEdges, M: Masks> RingMasks<'_, H, M> {
         }
     }
 
-    /// Returns the class of a vertex in the rules of Hoppe et al.
+    /// Returns the class that the rules of Hoppe et al. (1994) give to a vertex at a sharp edge.
     fn hoppe_class(&self, vertex: u32, half: u32) -> HoppeClass {
         let (mut ring, mut edges) = (Ring::default(), Edges::default());
         self.mesh.ring(self.mesh.clockwise_most(half), &mut ring);
@@ -317,7 +320,7 @@ impl<H: HalfEdges, M: Masks> RingMasks<'_, H, M> {
 
 /// The class of a vertex at a sharp edge, in the rules of Hoppe et al.
 enum HoppeClass {
-    /// The end of a crease.
+    /// The vertex is the end of a single crease.
     Dart,
     Regular,
     Irregular,
@@ -334,11 +337,11 @@ fn is_regular(ring: &Ring, left: usize, right: usize) -> bool {
 
 /// The part of a ring between two sharp edges, or the entire ring.
 struct RingSide {
-    /// The index in the ring of this part's first neighbor.
+    /// The index, in the whole ring, of the first neighbor in this part of the ring.
     first: usize,
-    /// The number of faces in this part.
+    /// The number of faces in this part of the ring.
     q: usize,
-    /// True if the first and last edges of this part are sharp.
+    /// True if the first and the last edge of this part of the ring are sharp.
     is_sharp: bool,
 }
 

@@ -12,7 +12,7 @@ use super::half_edges::{HalfEdges, NONE};
 #[derive(Debug)]
 pub(crate) struct Connectivity {
     pub(crate) faces: Faces,
-    /// The number of vertices.
+    /// The number of vertices of the mesh, including those without faces.
     pub(crate) vertices: usize,
     /// The index of the edge to which each half-edge belongs.
     pub(crate) edge_of: Vec<u32>,
@@ -99,7 +99,7 @@ impl Connectivity {
         }
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         let lists = self.edge_of.len() * 4 + self.halves.len() * 8;
         self.faces.corners().size() + lists + self.turns.size()
@@ -158,7 +158,8 @@ fn check_edges(edges: &Edges, mesh: &Connectivity) -> Result<(), Error> {
 /// The maximum number of non-manifold edges or vertices that a message lists.
 const MAX_LISTED: usize = 5;
 
-/// Returns the error of a mesh that is not manifold. `defects` are its edges or vertices that are not.
+/// Returns the error of a mesh that is not manifold. `defects` lists its non-manifold edges or vertices, and `what` says what is wrong with
+/// them.
 fn non_manifold(what: &str, defects: impl ExactSizeIterator<Item = String>) -> Error {
     let count = defects.len();
     let mut first: Vec<String> = defects.take(MAX_LISTED).collect();

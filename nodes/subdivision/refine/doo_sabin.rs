@@ -34,7 +34,7 @@ pub(crate) struct Dual {
     starts: Vec<u32>,
     /// The border edges that get new vertices, ascending.
     border: Vec<u32>,
-    /// The faces after the step.
+    /// The faces of the mesh after this refinement step.
     pub(crate) finer: Faces,
     /// The old edges with a new face across them, ascending. `vertices` has the old vertices with a new face around them.
     edges: Vec<u32>,
@@ -43,7 +43,7 @@ pub(crate) struct Dual {
     has_pairs: bool,
 }
 
-/// The new faces around a block of old vertices: the corners of all faces, the number of sides of each face, and its old vertex.
+/// The new faces around a block of old vertices: the corners of all these faces, and for each face its number of sides and its old vertex.
 #[derive(Default)]
 struct VertexFaces {
     corners: Vec<u32>,
@@ -53,7 +53,7 @@ struct VertexFaces {
 }
 
 impl Dual {
-    /// Computes the first step, for the mesh of a topology.
+    /// Computes the first refinement step, for the control mesh with a topology.
     ///
     /// # Errors
     /// If the mesh is not manifold.
@@ -62,7 +62,7 @@ impl Dual {
         Ok(Self::new(halves, topology.rules.boundary))
     }
 
-    /// Computes the next step, for the refined mesh.
+    /// Computes the step that follows this one: it refines the mesh that this step makes.
     ///
     /// # Errors
     /// If the mesh is not manifold.
@@ -70,7 +70,7 @@ impl Dual {
         Ok(Self::new(self.finer_halves()?, self.boundary))
     }
 
-    /// Computes the half-edges of the refined faces.
+    /// Computes the half-edges of the faces that this step makes.
     ///
     /// # Errors
     /// If the refined mesh is not manifold.
@@ -179,7 +179,7 @@ impl Dual {
     }
 
     /// Returns a new vertex on the edge of a half-edge, or `None` if the edge is not on the border. `end` is 0 for the new vertex near the
-    /// owner's start, 1 for the other one.
+    /// start of the edge's owner, 1 for the one near the end.
     fn border_vertex(&self, half: u32, end: usize) -> Option<u32> {
         self.on_border(self.mesh.edge_of[half as usize]).map(|points| points[end])
     }
@@ -253,8 +253,8 @@ impl Dual {
         mean(old[half as usize], old[self.mesh.next(half) as usize], fraction)
     }
 
-    /// Refines corner data. Within an old face it is interpolated like vertex data. A new face across a seam, or around an end of a seam,
-    /// gets the data of only one side of the seam, the side of its first half-edge.
+    /// Refines corner data. Within an old face, corner data are interpolated like vertex data. A new face across a seam, or around an end
+    /// of a seam, gets the data of only one side of the seam, the side of its first half-edge.
     pub(crate) fn carry_corners<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         let mesh = &*self.mesh;
         let mut new = self.within_faces(old);
@@ -308,7 +308,7 @@ impl Dual {
         (0..mesh.faces.len() as u32).chain(edges).chain(vertices).collect()
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         let lists = self.starts.len() + self.border.len() + self.edges.len() + self.vertices.len();
         self.mesh.size() + self.finer.corners().size() + 4 * lists

@@ -37,7 +37,7 @@ pub(crate) struct FinerHalves {
 pub(crate) struct Rings(Vec<[u32; 4]>);
 
 impl Rings {
-    /// Appends the half-edges that start at `vertex`, as [`HalfEdges::fan`] returns them. `start` is one of them.
+    /// Appends the half-edges that start at `vertex`, as [`HalfEdges::fan`] returns them. `start` is one of these half-edges.
     #[inline]
     pub(crate) fn fan(&self, mesh: &Connectivity, vertex: usize, start: u32, to: &mut Vec<u32>) {
         match self.0.get(vertex) {
@@ -46,7 +46,7 @@ impl Rings {
         }
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         size_of_val(&self.0[..])
     }
@@ -59,7 +59,7 @@ impl DualFaces<'_> {
         let inner = mesh.corners().len();
         let around = inner + 4 * edges.len();
         let total = faces.corners().len();
-        // The index of the new face across each old edge. The list is needed only if some old edges have no such face.
+        // The index of the new face across each old edge. The list is needed only if some old edges have no face across them.
         let mut index = Vec::new();
         if edges.len() < mesh.halves.len() {
             index.resize(mesh.halves.len(), NONE);
@@ -114,8 +114,8 @@ impl DualFaces<'_> {
                 }
             },
         );
-        // The faces around old vertices: a half-edge next to a face across an edge has its owner in that face; the others are on the
-        // border.
+        // The faces around old vertices: a half-edge next to a face across an old edge has its owner in that face; all other half-edges are
+        // on the border.
         let (before, edge_of_around) = edge_of.split_at_mut(around);
         let first = mesh.faces.len() + edges.len();
         by_faces(faces, first..faces.len(), edge_of_around, |here, to| {

@@ -72,7 +72,7 @@ impl FaceOrder {
         }
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         match self {
             Self::Triangles | Self::Quads => 0,

@@ -16,7 +16,7 @@ use super::split::{Corners, Origin, Split, Triangles};
 use crate::masks::sharpness::Sharpness;
 use crate::scheme::PrimalScheme;
 
-/// A refined mesh. An edge has the index of its owner, the first of its half-edges, as its own index.
+/// A refined mesh. The index of an edge is the index of its owner, which is the first of its half-edges.
 #[derive(Debug)]
 pub(crate) struct FinalMesh {
     pub(crate) coarser: Arc<Level>,
@@ -27,7 +27,7 @@ pub(crate) struct FinalMesh {
 }
 
 impl FinalMesh {
-    /// Creates the refinement of `coarser`, given its faces.
+    /// Creates the mesh that results from refining `coarser`; `faces` are the faces after the step.
     pub(crate) fn from_coarser(coarser: Arc<Level>, faces: Faces) -> Self {
         let odd = match coarser.rules.scheme {
             PrimalScheme::Loop => coarser.odd_children(Triangles),
@@ -68,7 +68,7 @@ impl FinalMesh {
         self.coarser.ring_of_child(vertex, 0, split)
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         self.coarser.size() + self.faces.corners().size() + self.odd.len() * 8
     }

@@ -119,10 +119,10 @@ pub(crate) trait HalfEdges: Sync {
     }
 }
 
-/// The neighborhood of a vertex, counter-clockwise; for a boundary vertex it extends from one boundary edge to the other.
+/// The neighborhood of a vertex, counter-clockwise; for a boundary vertex, from one boundary edge to the other.
 #[derive(Default)]
 pub(crate) struct Ring {
-    /// The half-edges that start at the vertex. At a boundary the last edge has no such half-edge.
+    /// The half-edges that start at the vertex. On a boundary, the vertex's last edge has no half-edge that starts at the vertex.
     pub(crate) halves: Vec<u32>,
     /// The neighboring vertices: the other ends of the vertex's edges.
     pub(crate) neighbors: Vec<u32>,

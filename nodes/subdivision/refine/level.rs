@@ -41,7 +41,7 @@ const STEPS_PER_TASK: usize = 3;
 #[derive(Debug)]
 pub(crate) struct Level {
     pub(crate) rules: Rules<PrimalScheme>,
-    /// The mesh from which this one was refined; `None` for the first mesh.
+    /// The mesh before the last refinement step; `None` for the first mesh of the sequence.
     coarser: Option<Arc<Self>>,
     pub(crate) mesh: Connectivity,
     /// The sharp edges with their sharpness, sorted by edge, including border edges, whose sharpness is infinite.
@@ -71,8 +71,8 @@ impl Level {
         Ok(Self { rules, coarser: None, mesh, creases, odd, rings })
     }
 
-    /// Creates the mesh of an excerpt of a larger mesh. All its vertices count as odd. The masks of vertices whose faces are partly missing
-    /// are not valid.
+    /// Creates the first mesh of a sequence from a few faces of a larger mesh. All its vertices count as odd. The masks of vertices whose
+    /// faces are partly missing are not valid.
     pub(crate) fn piece(
         rules: Rules<PrimalScheme>,
         mesh: Connectivity,
@@ -90,7 +90,7 @@ impl Level {
         Self { rules, coarser: None, mesh, creases, odd, rings }
     }
 
-    /// Creates the refinement of `coarser`, given its faces.
+    /// Creates the mesh that results from refining `coarser`; `faces` are the faces after the step.
     pub(crate) fn from_coarser(coarser: &Arc<Self>, faces: &Faces) -> Self {
         match coarser.rules.scheme {
             PrimalScheme::Loop => Self::split(coarser, faces, Triangles),
@@ -263,7 +263,7 @@ impl Level {
         halves
     }
 
-    /// The memory use in bytes, including coarser meshes.
+    /// Returns the memory that this mesh and all coarser meshes use, in bytes.
     pub(crate) fn size(&self) -> usize {
         let coarser = self.coarser.as_ref().map_or(0, |coarser| coarser.size());
         coarser
@@ -288,12 +288,12 @@ pub(crate) struct VertexInput<'a> {
     pub(crate) corners: &'a [u32],
     /// The positions of the vertices.
     pub(crate) positions: &'a [Point3<f64>],
-    /// The new vertices inside the faces; empty if the scheme has no such vertices.
+    /// The new vertices inside the faces; empty if the scheme makes no new vertices inside faces.
     pub(crate) in_faces: &'a [Point3<f64>],
 }
 
 impl VertexInput<'_> {
-    /// Loads into the cache the neighborhoods of the faces with these corners, and the new vertices inside these faces.
+    /// Loads into the processor cache the neighborhoods of the faces with the given corners, and the new vertices inside these faces.
     fn fetch<A, B>(self, corners: Range<usize>, born: &[NewVertices<'_, A, B>]) {
         fetch(self.in_faces, corners.start / 4..corners.end / 4);
         fetch(self.corners, corners);
@@ -323,7 +323,7 @@ struct NewVertices<'a, A, B> {
 }
 
 impl<A, B> NewVertices<'_, A, B> {
-    /// Performs [`Level::at_regular`] for the vertices of these slices.
+    /// Performs [`Level::at_regular`] for the new vertices to which the slices belong.
     fn make<K: Split>(self, split: K, make: &impl Fn(usize, &[u32]) -> (A, B)) {
         let Self { mesh, age, on_edges, in_faces } = self;
         let before = mesh.vertices;

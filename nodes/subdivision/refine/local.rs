@@ -24,9 +24,9 @@ const BLOCK: usize = 1024;
 
 /// A set of faces of the control mesh, which is refined in each step.
 struct Part {
-    /// The half-edges that these faces have in the control mesh.
+    /// The half-edges, in the control mesh, of the faces in the set.
     halves: Rows,
-    /// The vertices of the refined faces, except for some at the border of the set.
+    /// The vertices of the refined faces of the set, except for some vertices at the border of the set.
     vertices: Rows,
 }
 
@@ -35,7 +35,7 @@ pub(crate) struct LocalRefinement<'a> {
     control: &'a [Point3<f64>],
     core: Part,
     halo: Part,
-    /// The steps taken so far, each with the positions after it. Positions are valid only in the halo and the core.
+    /// The refinement steps taken so far, each with the vertex positions after the step. Positions are valid only in the halo and the core.
     taken: Vec<(&'a Primal, Vec<Point3<f64>>)>,
 }
 
@@ -58,7 +58,7 @@ impl<'a> LocalRefinement<'a> {
         Self { control, core, halo, taken: Vec::new() }
     }
 
-    /// Performs the given steps.
+    /// Performs the given refinement steps in the core and the halo.
     ///
     /// # Errors
     /// If the evaluation is cancelled.
@@ -82,7 +82,7 @@ impl<'a> LocalRefinement<'a> {
         Ok(())
     }
 
-    /// Performs the last step, in the core only. Returns `refined` with its positions updated.
+    /// Performs the last refinement step, in the core only. Returns `refined`, the previous result, with updated positions in the core.
     ///
     /// # Errors
     /// If a position is not finite.
@@ -129,20 +129,22 @@ impl<'a> LocalRefinement<'a> {
 }
 
 impl Part {
-    /// Returns the half-edges after `level` steps. In both schemes a step gives each face four times as many half-edges.
+    /// Returns the half-edges that the part's faces have after `level` steps. In both schemes a step gives each face four times as many
+    /// half-edges.
     fn finer(&self, level: usize) -> impl Iterator<Item = Range<u32>> {
         self.halves.iter().map(move |row| row.start << (2 * level)..row.end << (2 * level))
     }
 
-    /// Returns the refined faces before a step, or nothing if the step makes no vertices inside faces.
+    /// Returns the part's faces after `level` steps, to which `step` is applied next. Returns nothing if the step makes no vertices inside
+    /// faces.
     fn faces(&self, step: &Primal, level: usize) -> Rows {
         let mesh = &step.level.mesh;
         let rows = self.finer(level).filter(|_| step.has_middles());
         rows.map(|row| mesh.face_of(row.start)..mesh.face_of(row.end - 1) + 1).collect()
     }
 
-    /// Adds the new vertices on edges. Edges are numbered by their owners, so consecutive faces own consecutive edges. Each edge between
-    /// two of the faces is owned by one of them and is thus included.
+    /// Adds to `vertices` the new vertices that the step makes on the edges of the part's faces. Edges are numbered by their owners, so
+    /// consecutive faces own consecutive edges. Each edge between two of the faces is owned by one of them and is thus included.
     fn add_edges(&mut self, step: &Primal, level: usize) {
         let mesh = &step.level.mesh;
         fn edge(half: u32, mesh_halves: &[[u32; 2]]) -> usize {
@@ -158,7 +160,7 @@ impl Part {
         self.vertices.extend(rows);
     }
 
-    /// Adds the new vertices inside faces.
+    /// Adds to `vertices` the new vertices that the step makes inside the part's faces.
     fn add_middles(&mut self, step: &Primal, level: usize) {
         let first = step.first_middle() as u32;
         let rows = self.faces(step, level).into_iter();

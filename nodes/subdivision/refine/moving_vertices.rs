@@ -65,7 +65,8 @@ impl<'a> MovingVertices<'a> {
         reached.into_iter().map(|[vertex, _]| vertex).collect()
     }
 
-    /// Recomputes all vertices after the step `level` and after each later step. The vertices before the step `level` must be valid.
+    /// Recomputes all vertices made by the step with the index `level` and by each later step. The vertices before the step `level` must be
+    /// valid.
     fn compute(&mut self, level: usize) {
         self.positions.truncate(level + 1);
         for step in &self.steps[level..] {

@@ -59,7 +59,8 @@ impl Plan {
         )
     }
 
-    /// Creates the plan like [`Self::new`]; `step` and `limit` create (or look up) its parts.
+    /// Creates the plan like [`Self::new`]. `step` creates a refinement step, and `limit` the limit masks; both may look up memoized
+    /// results.
     pub(crate) fn new_with(
         mesh: &Mesh,
         options: Subdivision,
@@ -231,7 +232,7 @@ fn refine_attribute(
     Ok(attribute)
 }
 
-/// Returns for each face after the last step the face of `mesh` that contains it.
+/// Returns, for each face after the last step, the index of the face of `mesh` from which it was made.
 fn ancestors(mesh: &Mesh, steps: &[Step]) -> Vec<u32> {
     let first = (0..mesh.faces().len() as u32).collect();
     steps.iter().fold(first, |ancestors: Vec<u32>, step| {

@@ -22,20 +22,20 @@ use crate::scheme::PrimalScheme;
 /// A step of a primal scheme for a fixed topology.
 #[derive(Debug)]
 pub(crate) struct Primal {
-    /// The mesh before the step.
+    /// The mesh that this step refines.
     pub(crate) level: Arc<Level>,
     /// The new vertices that need matrix rows: those of odd (irregular or sharp) vertices, and those on sharp edges.
     odd_rows: Vec<u32>,
     /// The matrix rows of the vertices in `odd_rows`. The columns are the old vertices, followed by the new vertices inside faces.
     stencils: Stencils,
-    /// The faces after the step.
+    /// The faces of the mesh after this refinement step.
     pub(crate) finer: Faces,
-    /// A list of points to reuse for the new vertices, left from an earlier call; `None` if there is none.
+    /// A buffer for the positions of new vertices, kept from an earlier call for reuse; `None` if no call has left one.
     left: Mutex<Option<Vec<Point3<f64>>>>,
 }
 
 impl Primal {
-    /// Computes the step that refines `level`.
+    /// Computes the refinement step that is applied to the mesh `level`.
     pub(crate) fn new(level: Arc<Level>) -> Self {
         match level.rules.scheme {
             PrimalScheme::Loop => Self::from_level(level, Triangles),
@@ -67,12 +67,12 @@ impl Primal {
         Self { level, odd_rows, stencils, finer, left: Mutex::new(None) }
     }
 
-    /// Returns the mesh after this step.
+    /// Returns the mesh after this refinement step, for use by a further step.
     pub(crate) fn next(&self) -> Level {
         Level::from_coarser(&self.level, &self.finer)
     }
 
-    /// Returns the refined mesh of the last step.
+    /// Returns the mesh after this step, for use if this is the last step: its half-edges are not stored.
     pub(crate) fn final_mesh(&self) -> FinalMesh {
         FinalMesh::from_coarser(self.level.clone(), self.finer.clone())
     }
@@ -85,7 +85,7 @@ impl Primal {
         }
     }
 
-    /// The index of the first new vertex inside a face, or the number of all vertices if the scheme makes no such vertices.
+    /// The index of the first new vertex inside a face, or the number of all new vertices if the scheme makes no vertices inside faces.
     pub(crate) fn first_middle(&self) -> usize {
         self.level.mesh.vertices + self.level.mesh.halves.len()
     }
@@ -117,7 +117,7 @@ impl Primal {
         creases
     }
 
-    /// Computes the positions of the refined vertices.
+    /// Computes the positions of all vertices after this step, given the positions `old` before the step.
     pub(crate) fn positions(&self, old: &[Point3<f64>]) -> Vec<Point3<f64>> {
         match self.level.rules.scheme {
             PrimalScheme::Loop => self.refine(old, Triangles),
@@ -188,7 +188,7 @@ impl Primal {
         }
     }
 
-    /// Returns the new vertex inside a face and a new half-edge from it; `None` if the scheme makes no such vertices.
+    /// Returns the new vertex inside a face and a new half-edge from this vertex; `None` if the scheme makes no vertices inside faces.
     pub(crate) fn middle(&self, face: u32) -> Option<[u32; 2]> {
         let mesh = &self.level.mesh;
         let vertex = (mesh.vertices + mesh.halves.len()) as u32 + face;
@@ -375,7 +375,7 @@ impl Primal {
             .collect()
     }
 
-    /// Returns for each new face the old face that contains it.
+    /// Returns, for each new face, the index of the old face from which it was made.
     pub(crate) fn parents(&self) -> Vec<u32> {
         match self.level.rules.scheme {
             PrimalScheme::Loop => (0..self.finer.len() as u32).map(|face| face / 4).collect(),
@@ -385,7 +385,7 @@ impl Primal {
         }
     }
 
-    /// The memory use in bytes.
+    /// Returns the memory that this value uses, in bytes.
     pub(crate) fn size(&self) -> usize {
         self.level.size() + self.finer.corners().size() + self.stencils.size()
     }
@@ -399,7 +399,7 @@ fn column_point(column: u32, old: &[Point3<f64>], in_faces: &[Point3<f64>]) -> P
     }
 }
 
-/// The mean of two values.
+/// The mean of two attribute values.
 fn midpoint<T: WeightedMean>(a: T, b: T) -> T {
     T::weighted_mean([(0.5, a), (0.5, b)].into_iter())
 }

@@ -22,11 +22,11 @@ const BLOCK: usize = 2048;
 
 /// The origin of a half-edge in the refined mesh.
 pub(crate) enum Origin {
-    /// The half-edge is the first half of this old half-edge.
+    /// The half-edge is the first half of the old half-edge with this index.
     First(u32),
-    /// The half-edge is the second half of this old half-edge.
+    /// The half-edge is the second half of the old half-edge with this index.
     Second(u32),
-    /// The half-edge is inside an old face and has this half-edge as its twin.
+    /// The half-edge is inside an old face; its twin is the new half-edge with this index.
     Inside(u32),
 }
 
@@ -35,17 +35,17 @@ pub(crate) trait Split: Copy + Sync {
     /// The number of neighbors of a regular vertex.
     const VALENCE: usize;
 
-    /// Returns the half of `half` that begins at its start, in the refined mesh.
+    /// A refinement step divides an old half-edge into two. Returns the new half-edge at the start of the old half-edge `half`.
     fn first_half(self, half: u32) -> u32;
 
-    /// Returns the half of `half` that ends at its end, in the refined mesh.
+    /// A refinement step divides an old half-edge into two. Returns the new half-edge at the end of the old half-edge `half`.
     fn second(self, mesh: &Connectivity, half: u32) -> u32;
 
     /// The origin of a half-edge of the refined mesh.
     fn origin(self, mesh: &Connectivity, half: u32) -> Origin;
 
-    /// Returns the new edges inside an old face that belong to its part at corner `k`, and the number of these edges. Each edge is a pair
-    /// of half-edges, the owner first.
+    /// Returns the new edges inside an old face that count to the new face at corner `k`, and the number of these edges (at most 2). Each
+    /// edge is a pair of half-edges, the owner first.
     fn inner_edges(self, first: u32, sides: u32, k: u32) -> ([[u32; 2]; 2], usize);
 
     /// Writes the new half-edges that start at the new vertex on an edge, counter-clockwise, on the side of `half`.
@@ -210,7 +210,7 @@ struct SplitTask<'a, 'b> {
     /// The index of the first half-edge of the new faces. `first_new` is the index of the first new edge that these faces own.
     first_half: u32,
     first_new: u32,
-    /// The number of new edges that have been numbered so far.
+    /// The number of new edges of this task that have got their index so far.
     numbered: u32,
     /// The edge index of each new half-edge.
     edge_of: &'a mut [u32],

@@ -24,7 +24,7 @@ use crate::limit::finer_limit::FinerLimit;
 pub(crate) struct Step {
     /// The topology of the control mesh.
     root: Arc<Topology>,
-    /// The number of steps between the control mesh and this step.
+    /// The number of refinement steps that precede this step.
     depth: usize,
     rules: Kind,
 }
@@ -53,7 +53,7 @@ impl Memo for Step {
 }
 
 impl Step {
-    /// Computes the first step, by the scheme in `topology`.
+    /// Computes the first refinement step of a subdivision, by the scheme in `topology`.
     ///
     /// # Errors
     /// If the scheme cannot refine a face, or the mesh is not manifold.
@@ -72,7 +72,7 @@ impl Step {
         Self::from_topology(topology)
     }
 
-    /// Computes the next step.
+    /// Computes the refinement step that follows this one.
     ///
     /// # Errors
     /// If the refined mesh is not manifold.
@@ -97,7 +97,7 @@ impl Step {
         }
     }
 
-    /// The faces after the step.
+    /// The faces of the mesh after this refinement step.
     pub(crate) fn finer(&self) -> &Faces {
         match &self.rules {
             Kind::Primal(step) => &step.finer,
@@ -121,7 +121,7 @@ impl Step {
         }
     }
 
-    /// Computes the positions of the refined vertices.
+    /// Computes the positions of all vertices after this step, given the positions `old` before the step.
     pub(crate) fn positions(&self, old: &[Point3<f64>]) -> Vec<Point3<f64>> {
         match &self.rules {
             Kind::Primal(step) => step.positions(old),

@@ -10,10 +10,10 @@ use crate::rules::Rules;
 #[derive(Clone, Debug)]
 pub(crate) struct Topology {
     pub(crate) rules: Rules,
-    /// The number of vertices.
+    /// The number of vertices of the mesh, including those without faces.
     pub(crate) vertices: usize,
     pub(crate) faces: Faces,
-    /// The sharp edges with their sharpness, each as its vertices (a < b), sorted.
+    /// The sharp edges, sorted: the two vertices of each edge in ascending order, and the sharpness of the edge.
     pub(crate) creases: Vec<([u32; 2], f64)>,
 }
 

@@ -21,7 +21,7 @@ pub(crate) fn without_border(
     select_faces(refined, &faces)
 }
 
-/// Returns a mesh of the faces with these indices and of their vertices, both in their old order.
+/// Returns a mesh that consists of the given faces and their vertices. Faces and vertices keep their order.
 pub(crate) fn select_faces(mesh: &Mesh, faces: &[u32]) -> Result<Mesh, MeshError> {
     const REMOVED: u32 = u32::MAX;
     let old = mesh.faces();

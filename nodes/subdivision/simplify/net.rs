@@ -21,7 +21,7 @@ const SEAM_WEIGHT: f64 = 0.1;
 /// The minimum cosine of the angle between the old and the new normal of a face: the cosine of 75 degrees.
 const MIN_COSINE: f64 = 0.25881904510252074;
 
-/// A face with less area than this fraction of the squared diagonal of the mesh counts as degenerate.
+/// A face whose area is less than this fraction of the squared diagonal of the mesh's bounding box counts as degenerate.
 const MIN_AREA: f64 = 1e-20;
 
 /// An edge that may be collapsed, with the cost of the collapse and the position of the merged vertex.
@@ -67,7 +67,7 @@ impl Eq for Collapse {}
 pub(super) struct Net {
     positions: Vec<Point3<f64>>,
     quadrics: Vec<Quadric>,
-    /// The version of each vertex: the number of its changes.
+    /// The version of each vertex: the number of collapses in which the vertex was an end of the collapsed edge.
     versions: Vec<u32>,
     triangles: Vec<[u32; 3]>,
     /// The face of the input mesh that contains each triangle.
@@ -195,7 +195,7 @@ impl Net {
         self.triangles[face as usize].iter().position(|&corner| corner == vertex)
     }
 
-    /// Adds planes through an edge, each perpendicular to one of its faces, with the given weight.
+    /// Adds to the cost functions planes through an edge, each perpendicular to one of the edge's faces, with the given weight.
     fn add_border_planes(&mut self, [a, b]: [u32; 2], weight: f64) {
         let along = self.positions[b as usize] - self.positions[a as usize];
         let at = self.positions[a as usize].coords;
@@ -262,8 +262,8 @@ impl Net {
             [true, false] => vec![first],
             [false, true] => vec![second],
             [false, false] => match quadric.minimum() {
-                // If costs are equal the first candidate wins. An end of the edge comes before the minimum, because it is
-                // exactly on the surface.
+                // If costs are equal the first candidate wins. The ends of the edge come before the minimum, because they are exactly on
+                // the surface.
                 Some(lowest) => vec![first, second, lowest],
                 None => vec![center(&first, &second), first, second],
             },
@@ -361,8 +361,8 @@ impl Net {
         [a, b].iter().for_each(|&end| self.versions[end as usize] += 1);
     }
 
-    /// Merges the two wedges on each side of an edge. The merged wedge gets the attributes that the old surface has on that side at its
-    /// nearest point to the new vertex.
+    /// Merges the two wedges on each side of an edge. On each side, the merged wedge gets the attributes of that point of the old surface,
+    /// on this side, that is nearest to the new vertex.
     fn merge_wedges(&mut self, collapse: &Collapse) {
         let [a, b] = collapse.ends;
         let (sides, _) = self.edge_sides([a, b]);
@@ -444,7 +444,7 @@ impl AttributeTransfer for MergedAttributes<'_> {
         let mut mixed = old.to_vec();
         for &([a, b], share) in self.merges {
             let [stays, goes] = [a, b].map(|end| mixed[end as usize]);
-            // Integer indices have no mean: the index of the first part is taken. Therefore the nearer vertex comes first.
+            // Integer indices have no mean; the mean takes the index of the first part. Therefore put the nearer vertex first.
             let mut parts = [(1.0 - share, stays), (share, goes)];
             if share > 0.5 {
                 parts.reverse();

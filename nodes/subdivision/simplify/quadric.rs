@@ -14,10 +14,11 @@ pub(crate) struct Quadric {
     c: f64,
 }
 
-/// The maximum condition number of a quadric whose minimum is meaningful. If it is greater, all planes nearly contain a common line.
+/// The maximum condition number of a quadric whose minimum is meaningful. If the condition number is greater, all planes nearly contain a
+/// common line.
 const MAX_CONDITION: f64 = 1e8;
 
-/// An error below this fraction of the terms from which it is computed is only a rounding error: a few units in the last place.
+/// A computed value of a quadric below this fraction of the sum of its terms is only a rounding error: a few units in the last place.
 const ROUNDING: f64 = 1e-15;
 
 impl Quadric {
@@ -41,7 +42,7 @@ impl Quadric {
         }
     }
 
-    /// Evaluates the error at the position `x`. Returns 0 if the result is not greater than its rounding error.
+    /// Evaluates the error at the position `x`. Returns 0 if the error is not greater than its own rounding error.
     pub(crate) fn evaluate(&self, x: Vector3<f64>) -> f64 {
         let square = x.dot(&(self.a * x)) + self.c;
         let error = square - 2.0 * self.b.dot(&x);

@@ -190,7 +190,7 @@ fn attributes_follow_their_vertices_and_faces() {
     assert_eq!(side.len(), coarse.faces().len());
 }
 
-/// Creates a tube with `n` faces around it. Its texture is cut along a line and has a scale of 1 mm per unit.
+/// Creates a tube with `n` faces around it. The texture of the tube is cut along a line and has a scale of 1 mm per unit.
 fn textured_tube(n: u32, along: u32) -> Mesh {
     fn name(i: u32, j: u32, n: u32) -> u32 {
         i % n + j * n
@@ -248,7 +248,7 @@ fn a_flat_sheet_keeps_an_even_texture_exactly_and_patches_apart() {
     let fine = sheet(16, |_, _| 0.0);
     let positions =
         fine.faces().corners().iter().map(|&v| fine.positions()[v as usize]).collect::<Vec<_>>();
-    // The right half uses another part of the texture than the left half, and each half has its own color.
+    // The right half of the sheet uses another part of the texture than the left half, and each half has a color of its own.
     fn half(corner: usize, positions: &[Point3<f64>]) -> bool {
         positions[corner / 3 * 3..][..3].iter().any(|position| position.x > 0.5)
     }

@@ -34,7 +34,7 @@ struct MixedWedge {
     parts: Parts,
 }
 
-/// A side of an edge: the wedges that the faces on this side have at both ends.
+/// One side of an edge: the wedges at the two ends of the edge that belong to the face on this side.
 pub(super) type Side = [u32; 2];
 
 impl Wedges {
@@ -170,8 +170,8 @@ impl AttributeTransfer for Wedges {
         let mut mixed = old.to_vec();
         for together in self.mixes.chunk_by(|a, b| a.time == b.time) {
             let new = together.iter().map(|MixedWedge { wedge, parts, .. }| {
-                // Integer indices have no mean: the index of the first part is taken. Therefore the nearest corner comes first. Corners of
-                // weight 0 are removed, because they must not set a flag.
+                // Integer indices have no mean; the mean takes the index of the first part. Therefore put the nearest corner first. Corners
+                // of weight 0 are removed, because they must not set a flag.
                 let mut parts: Vec<_> = parts.iter().filter(|(share, _)| *share > 0.0).collect();
                 parts.sort_by(|a, b| b.0.total_cmp(&a.0));
                 let parts = parts.into_iter().map(|&(share, part)| (share, mixed[part as usize]));
@@ -190,7 +190,7 @@ fn carried_attributes(mesh: &Mesh) -> impl Iterator<Item = (&str, &Attribute)> {
     mesh.corner().iter().filter(|(name, _)| *name != "normal")
 }
 
-/// Returns true if the two entries of the attribute with these indices are equal.
+/// Returns true if the attribute has equal values at the two `indices`.
 fn is_same(attribute: &Attribute, indices: [u32; 2]) -> bool {
     let [a, b] = indices.map(|index| index as usize);
     match attribute {
@@ -212,7 +212,7 @@ struct Linear {
     weight: f64,
     slope: Vector3<f64>,
     offset: f64,
-    /// The sum of the functions' weighted squares.
+    /// The weighted sum of the squares of the linear functions, as a quadric.
     squares: Quadric,
 }
 
@@ -229,7 +229,7 @@ impl Linear {
         self.squares += other.squares;
     }
 
-    /// Returns the sum of the functions' weighted squared deviations from their mean.
+    /// Returns the weighted sum of the squared deviations of the linear functions from their mean, as a quadric.
     fn deviation(&self) -> Quadric {
         let mut deviation = self.squares;
         if self.weight > 0.0 {

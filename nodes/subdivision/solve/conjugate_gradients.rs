@@ -20,7 +20,7 @@ pub(crate) struct Search<'a> {
     moved: Vec<Four>,
     /// The residual of the iterate.
     residual: Vec<Four>,
-    /// The search direction. `applied` is the product of the matrix with it.
+    /// The search direction; `applied` is the product of the matrix and the search direction.
     direction: Vec<Four>,
     applied: Vec<Four>,
 }

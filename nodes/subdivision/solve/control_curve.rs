@@ -27,7 +27,7 @@ impl ControlCurve {
     /// open B-spline has knots averaged from centripetal parameters: Lee, "Choosing nodes in parametric curve interpolation" (1989).
     ///
     /// # Errors
-    /// If there are too few points for the degree.
+    /// If there are too few points for the degree of the curve.
     pub(crate) fn new(
         basis: CurveBasis,
         points: &[Point3<f64>],
@@ -38,8 +38,8 @@ impl ControlCurve {
         if closed {
             let knots = KnotVector::periodic(count + degree, degree + 1)?;
             let extended = extension_stencils(count + degree, |k, push| push(k % count, 1.0));
-            // The parameter of a control point is the middle of its basis function. The first of these middles are before the domain; they
-            // wrap around to its end.
+            // The parameter of a control point is the middle of its basis function. The first of these parameters are before the start of
+            // the domain; they wrap around to the end of the domain.
             let (start, _) = knots.domain();
             let shift = (degree + 1) as f64 / 2.0 - degree as f64;
             let parameters = (0..count).map(|k| {

@@ -28,9 +28,9 @@ pub(crate) struct FootPoint {
 /// The directions that are perpendicular to a curve or surface at a point.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Perpendicular {
-    /// All directions perpendicular to this unit tangent.
+    /// All directions perpendicular to the given unit tangent of a curve.
     To(Vector3<f64>),
-    /// The direction along this unit normal.
+    /// The direction of the given unit normal of a surface.
     Along(Vector3<f64>),
     /// No direction is perpendicular: at an end, a border or a crease.
     Nowhere,
@@ -62,10 +62,11 @@ impl FootPoint {
 /// Every fifth iteration searches for foot points globally; in the others the search starts at the previous foot points.
 const GLOBAL_SEARCH_INTERVAL: u32 = 5;
 
-/// A curve or surface counts as near its points if the distance is less than this fraction of the initial distance.
+/// A curve or surface has come near its points if its smallest distance in any iteration is less than this fraction of the initial
+/// distance.
 const NEAR_FRACTION: f64 = 0.1;
 
-/// If the distance does not improve in this number of iterations, the iteration has diverged.
+/// If the best distance does not improve within this number of iterations, the iteration has diverged.
 const MAX_ITERATIONS_WITHOUT_GAIN: u32 = 10;
 
 /// The largest distance must be halved within this number of iterations. A converging iteration does that: per iteration the distance is
@@ -87,7 +88,7 @@ pub(crate) struct FootSearch<'a> {
 /// The set of points whose foot point is the limit of their own control point.
 struct OwnLimits {
     is: Vec<bool>,
-    /// The last checkpoint: a largest distance that must be halved, and the number of the iteration that had it.
+    /// The last checkpoint: the largest distance at that time, which must be halved, and the number of the iteration.
     mark: (f64, u32),
     /// The first iteration after the last addition of points to the set.
     since: u32,

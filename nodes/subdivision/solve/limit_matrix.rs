@@ -24,7 +24,8 @@ use super::least_squares::least_squares;
 use super::record::Record;
 use super::solution::{End, Outcome, Solution};
 
-/// The residual is recomputed after this number of steps, because the recurrence for the residual accumulates rounding errors.
+/// Number of steps after which the residual is computed anew from the equations, because updating it from step to step accumulates rounding
+/// errors.
 const RESTART: u32 = 50;
 
 /// Directions that the matrix multiplies by less than this factor belong to its null space. If the matrix has such directions, a part of
@@ -211,7 +212,7 @@ impl<'a> Block<'a> {
         progress: &Progress<'_>,
     ) -> Result<(bool, Residuals), CancelledError> {
         let least_scale = scale.iter().copied().fold(f64::INFINITY, f64::min);
-        // The iteration of a coordinate is finished if its residual is far below the tolerance and thus only rounding.
+        // A coordinate needs no further iterations if its residual is far below the tolerance.
         let done = least_scale * record.tolerance() * record.tolerance() * 1e-6;
         let mut residual = self.residual();
         let mut missed = columns::residual_lengths(&residual);

@@ -4,7 +4,7 @@ use maquette_value::{Trace, TraceStep};
 
 use super::interpolation::Norm;
 
-/// The distances in each step of an iteration, with the tolerance.
+/// The history of an iteration: the distances in each step, and the tolerance that they must reach.
 pub(crate) struct Record {
     norm: Norm,
     tolerance: f64,
@@ -46,8 +46,8 @@ impl Record {
         self.distance(distances) <= self.tolerance
     }
 
-    /// Records the distances after an iteration; the first call records them before the first iteration. Returns true if they are within
-    /// the tolerance.
+    /// Records the distances after an iteration; the first call records them before the first iteration. Returns true if the distances are
+    /// within the tolerance.
     pub(crate) fn record(&mut self, [max, rms]: [f64; 2]) -> bool {
         self.steps.push(TraceStep { iteration: self.steps.len() as u64, max, rms });
         self.is_within_tolerance([max, rms])
@@ -70,7 +70,7 @@ impl Record {
     }
 
     pub(crate) fn into_trace(self) -> Trace {
-        // Overflowed distances are NaN; the trace ends before the first of them.
+        // Distances that have overflowed are NaN; the trace ends before the first NaN.
         let sound = self.steps.into_iter().take_while(|step| step.max >= 0.0 && step.rms >= 0.0);
         Trace::new(sound.collect()).expect("iterations are counted up and distances not negative")
     }

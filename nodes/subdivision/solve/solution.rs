@@ -34,7 +34,7 @@ impl End {
     }
 
     /// Returns [`End::Diverged`] for an iteration whose distances do not decrease. `iteration` is the number of the best iteration, and
-    /// `missed` the largest distance after it, in mm.
+    /// `missed` the largest distance after that iteration, in mm.
     pub(crate) fn missed(iteration: u32, missed: f64) -> Self {
         Self::Diverged(format!(
             "the iteration diverged: at its best, after {iteration} iterations, the largest distance from a point is {missed:.3e} mm; \
@@ -51,7 +51,7 @@ impl End {
     }
 }
 
-/// The result of a solver.
+/// The result of a solver for control points.
 pub(crate) struct Solution {
     pub(crate) outcome: Outcome,
     /// True if no control points can reduce the remaining distances.
@@ -90,7 +90,8 @@ impl Outcome {
 }
 
 impl<T> InterpolationResult<T> {
-    /// Returns the outputs of a node. Warns if the curve or surface is too far from the points; `what` names it in the warning.
+    /// Returns the outputs of a node. Warns if the curve or surface is too far from the points; `what` names the curve or surface in the
+    /// warning.
     pub(crate) fn outputs(self, cx: &Context<'_>, what: &str) -> (T, Trace) {
         if !self.settled {
             let last = self.trace.steps().last();

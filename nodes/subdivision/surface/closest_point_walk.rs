@@ -14,7 +14,7 @@ pub(crate) trait Parts {
     /// The mesh whose faces carry the parts.
     fn mesh(&self) -> &Connectivity;
 
-    /// Returns the part of the surface over a face.
+    /// Returns the part of the surface over the face with the index `part`.
     fn part(&self, part: u32) -> impl Part;
 }
 
@@ -36,8 +36,8 @@ pub(crate) struct FacePosition {
 pub(crate) struct Nearest {
     pub(crate) spot: FacePosition,
     pub(crate) point: LimitPoint,
-    /// True if the walk was stopped by a border, by a crease, or by a face that it may not enter. Then the line to the closest point need
-    /// not be perpendicular to the surface.
+    /// True if the walk was stopped by a border, by a crease, or by a face that the walk may not enter. Then the line to the closest point
+    /// need not be perpendicular to the surface.
     pub(crate) held: bool,
 }
 
@@ -48,10 +48,10 @@ const MAX_EVALUATIONS: usize = 40;
 /// `s^2 / 2`, so shorter steps are useless.
 const MIN_RELATIVE_STEP: f64 = 1e-6;
 
-/// The maximum number of times that a step is shortened to a quarter if it does not reduce the distance.
+/// The maximum number of times that a step is shortened to a quarter, as long as it does not reduce the distance.
 const MAX_REDUCTIONS: usize = 4;
 
-/// Coordinates within this distance of a side count as on it.
+/// A position whose coordinates are within this distance of a side of a face counts as on the side.
 const SIDE_TOLERANCE: f64 = 1e-13;
 
 /// Walks to a local minimum of the distance to `to`. The walk enters only faces for which `may_enter` returns true.
@@ -110,7 +110,7 @@ pub(crate) fn walk_to_closest_point(
     Nearest { spot, point, held }
 }
 
-/// The gradient of the squared distance and its second derivatives.
+/// The gradient and the second derivatives of the squared distance, as a function of the position on a face.
 struct Slope {
     first: [Vector3<f64>; 2],
     falls: [f64; 2],
@@ -150,11 +150,11 @@ impl Slope {
 
 /// The next move of a walk.
 enum Continuation {
-    /// The walk takes this step within the face.
+    /// The walk takes a step, given by its change of the two coordinates, within the face.
     Across([f64; 2]),
-    /// The walk takes this step along a side that it cannot cross.
+    /// The walk takes a step, given by its change of the two coordinates, along a side that it cannot cross.
     Along([f64; 2]),
-    /// The walk crosses a side into the face to which this half-edge belongs.
+    /// The walk crosses a side into a neighboring face, given by the half-edge of that face at the side.
     Through(u32),
     Nowhere,
 }

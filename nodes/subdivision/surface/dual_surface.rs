@@ -21,11 +21,11 @@ use crate::refine::half_edges::{HalfEdges, NONE};
 /// The maximum number of refinement steps. After so many halvings, floating-point numbers cannot distinguish positions near a corner.
 const MAX_DEPTH: usize = 40;
 
-/// The neighborhood of a vertex with four faces: the corners of the faces, counter-clockwise from the vertex on, face by face. The center
-/// of face `k` is corner `k` of the part.
+/// The neighborhood of a vertex with four faces: the corners of the faces, counter-clockwise from the vertex on, face by face. The centers
+/// of the faces are the corners of a part of the limit surface.
 struct Net {
     points: Vec<Vector3<f64>>,
-    /// For each face, the index in `points` after its last corner.
+    /// For each of the four faces, the end of its corners in `points` (the index after its last corner).
     ends: [usize; 4],
 }
 
@@ -39,13 +39,13 @@ pub(crate) struct DualPart {
 }
 
 impl DualPart {
-    /// Creates the part at the vertex where `half` starts. The vertex must not be on the border. `refined` has the new vertex of each
-    /// corner after one step.
+    /// Creates the part of the limit surface at the corner where `half` starts. The vertex of this corner must not be on the border.
+    /// `refined` has the new vertex of each corner after one step.
     pub(crate) fn at_corner(mesh: &Connectivity, refined: &[Vector3<f64>], half: u32) -> Self {
         Self { steps: vec![(0, collect_net(mesh, refined, half))] }
     }
 
-    /// Evaluates the part at a position.
+    /// Evaluates this part of the limit surface at a position.
     pub(crate) fn evaluate(&mut self, mut position: FacePoint) -> LimitPoint {
         let mut step = 0;
         while step < MAX_DEPTH {

@@ -12,7 +12,7 @@ pub(crate) const QUAD: &[[f64; 2]] = &[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0,
 /// A position in a part of a face, and the linear map between the coordinates of the part and of the face.
 pub(crate) struct FacePoint {
     pub(crate) at: [f64; 2],
-    /// The derivatives of the part's two coordinates by the coordinates `u` and `v` of the face.
+    /// The derivatives of the two coordinates in the part with respect to the coordinates `u` and `v` of the face.
     turn: [[f64; 2]; 2],
 }
 

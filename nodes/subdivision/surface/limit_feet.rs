@@ -72,7 +72,7 @@ pub(crate) struct ClosestFeet<'a> {
 const START_OFFSET: f64 = 1e-3;
 
 impl<'a> ClosestFeet<'a> {
-    /// Creates the search for the vertices of `mesh`. `own` are the limit masks of its control points.
+    /// Creates the search for the vertices of `mesh`. `own` are the limit masks of the control points.
     ///
     /// # Errors
     /// If the scheme cannot refine the mesh.
@@ -189,7 +189,7 @@ impl Shape {
         is_finite
     }
 
-    /// Returns the part at the corner where a half-edge starts.
+    /// Returns the index of the part of the limit surface at the face corner where a half-edge starts.
     fn part(&self, half: u32) -> u32 {
         match self {
             Self::Primal(surface) if surface.scheme().needs_triangles() => half / 3 * 4 + half % 3,
@@ -198,7 +198,7 @@ impl Shape {
         }
     }
 
-    /// Returns the face of the control mesh that contains a part.
+    /// Returns the index of the control mesh's face over which a part of the limit surface is.
     fn face(&self, part: u32) -> u32 {
         match self {
             Self::Primal(surface) => surface.face_of(part),

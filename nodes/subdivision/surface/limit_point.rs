@@ -7,8 +7,8 @@ use nalgebra::{Point3, Vector3};
 pub struct LimitPoint {
     /// The position of the point.
     pub point: Point3<f64>,
-    /// The derivatives with respect to `u` and `v`. At an irregular corner these do not exist, and `first` has two tangents with the same
-    /// orientation.
+    /// The first derivatives with respect to `u` and `v`. At an irregular corner the derivatives do not exist; there, `first` has two
+    /// tangents with the same orientation.
     pub first: [Vector3<f64>; 2],
     /// The second derivatives with respect to `uu`, `uv` and `vv`; `None` at an irregular corner.
     pub second: Option<[Vector3<f64>; 3]>,

@@ -142,7 +142,7 @@ impl LimitSurface {
         LimitPart { surface: self, part, smooth: self.smooth(part) }
     }
 
-    /// Returns the fast representation of a part, if it has no creases and at most one irregular corner.
+    /// Returns the fast representation of a part that has no creases and at most one irregular corner; `Smooth::Not` for any other part.
     fn smooth(&self, part: u32) -> Smooth {
         let SurfaceFrame { rules, mesh: Level { mesh, .. }, smooth, .. } = &*self.frame;
         let valence = |half: u32| smooth[mesh.corners()[half as usize] as usize];
@@ -164,8 +164,8 @@ impl LimitSurface {
             },
             PrimalScheme::CatmullClark => {
                 let half = 4 * part;
-                // After the refinement steps the irregular corner is the part's first corner; if it is the center of a polygon, it is the
-                // corner opposite to the first.
+                // After the refinement steps the irregular corner is the part's first corner; if it is the center of a polygon, the
+                // irregular corner is opposite to the first corner.
                 match [half, half + 1, half + 2, half + 3].map(valence) {
                     [n, 4, 4, 4] if is_known(n) => Smooth::Quad(self.smooth_quad(half, n)),
                     [4, 4, n, 4] if is_known(n) => {
@@ -181,7 +181,8 @@ impl LimitSurface {
         SmoothQuad::from_half_edge(&self.frame.mesh.mesh, &self.points, half, n.into())
     }
 
-    /// Evaluates a part at a position by refining its neighborhood as a small mesh. This works for all parts.
+    /// Evaluates a part at a position by refining its neighborhood as a small mesh. This method works for all parts, also near borders and
+    /// creases.
     pub(crate) fn evaluate_by_pieces(&self, part: u32, mut position: FacePoint) -> LimitPoint {
         let SurfaceFrame { rules, mesh: Level { mesh, creases, .. }, .. } = &*self.frame;
         let rules = *rules;
@@ -218,13 +219,14 @@ pub(crate) struct LimitPart<'a> {
 enum Smooth {
     Triangle(SmoothTriangle),
     Quad(SmoothQuad),
-    /// A quad whose irregular corner is the third one.
+    /// A quad whose irregular corner is the third corner, stored with its corners rotated so that this corner comes first.
     TurnedQuad(SmoothQuad),
     Not,
 }
 
 impl LimitPart<'_> {
-    /// Evaluates the part at a position. The derivatives are with respect to the coordinates from which the [`FacePoint`] was created.
+    /// Evaluates this part of the limit surface at a position. The derivatives are with respect to the coordinates from which the
+    /// [`FacePoint`] was created.
     pub(crate) fn evaluate(&mut self, position: FacePoint) -> LimitPoint {
         let [u, v] = position.at;
         let jet = match &mut self.smooth {

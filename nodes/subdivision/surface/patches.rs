@@ -72,8 +72,8 @@ impl Quartic {
 
 /// Computes the Bezier points of the middle triangle, row by row: first the one at corner 0, last those along the opposite side.
 fn bezier(corners: &[Vector3<f64>; 3], rings: &[[Vector3<f64>; 6]; 3]) -> [Vector3<f64>; 15] {
-    // For each corner k the indices of five Bezier points: at the corner, next to it towards the next and the previous corner, half way to
-    // the next corner, and inside the triangle.
+    // For each corner k the indices of five Bezier points: at the corner, next to the corner towards the next and the previous corner, half
+    // way to the next corner, and inside the triangle.
     const INDICES: [[usize; 5]; 3] = [[0, 1, 2, 3, 4], [10, 11, 6, 12, 7], [14, 9, 13, 5, 8]];
     let mut points = [Vector3::zeros(); 15];
     for (k, index) in INDICES.into_iter().enumerate() {

@@ -161,7 +161,7 @@ impl Piece {
         }
     }
 
-    /// Returns the 4 by 4 control points of the patch over the quad.
+    /// Returns the 4 by 4 control points of the bicubic B-spline patch over the quad whose sides are `halves`.
     fn net(
         &self,
         sharpness: &Sharpness<'_, Connectivity>,
@@ -215,8 +215,8 @@ impl Piece {
         net
     }
 
-    /// Returns the six neighbors of the triangle's corner at a half-edge, beginning with the other end of the half-edge. Neighbors beyond a
-    /// crease are mirrored. Returns `None` if the corner is not regular.
+    /// Returns the six neighbors of the triangle's corner at which a half-edge starts, beginning with the other end of the half-edge.
+    /// Neighbors beyond a crease are mirrored. Returns `None` if the corner is not regular.
     fn triangles_around(
         &self,
         sharpness: &Sharpness<'_, Connectivity>,
@@ -259,7 +259,8 @@ impl Piece {
         }
     }
 
-    /// Evaluates the limit point at a corner of the face, and the tangents on this face's side of any creases.
+    /// Evaluates the limit point at a corner of the face, and the tangents there. If creases meet at the corner, the tangents are those on
+    /// the side of this face.
     pub(crate) fn corner(&self, rules: Rules<PrimalScheme>, corner: usize) -> LimitPoint {
         match rules.scheme {
             PrimalScheme::Loop => self.apply_masks(rules, corner, LoopMasks),

@@ -39,7 +39,8 @@ struct QuadNeighborhood {
 type Ring = [[Vector3<f64>; 2]; MAX_VALENCE];
 
 impl SmoothQuad {
-    /// Creates the quad of `half`, which starts at the first corner. This corner has `n` neighbors, at least 3; the others have four.
+    /// Creates the quad of `half`, which starts at the first corner. The first corner has `n` neighbors, at least 3; the other corners have
+    /// four.
     pub(crate) fn from_half_edge(
         mesh: &Connectivity,
         points: &[Point3<f64>],
@@ -155,7 +156,7 @@ impl QuadNeighborhood {
         [fine[1][2], fine[0][2]] = ring[1];
         fine[0][1] = ring[2 % n][0];
         [fine[1][0], fine[2][0]] = ring[n - 1];
-        // Next: the new vertices inside the other faces at the three regular corners.
+        // Now compute the new vertices inside the other faces at the three regular corners.
         (fine[4][0], fine[4][2]) = (self.middle(2, 0), self.middle(2, 1));
         fine[4][4] = self.middle(2, 2);
         (fine[2][4], fine[0][4]) = (self.middle(1, 2), self.middle(0, 2));

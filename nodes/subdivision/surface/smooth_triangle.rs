@@ -31,11 +31,11 @@ const MAX_DEPTH: usize = 40;
 pub(crate) struct SmoothTriangle {
     /// The neighborhood, before each step, of the (refined) triangle at the first corner.
     steps: Vec<TriangleNeighborhood>,
-    /// The last evaluated patch, and the new triangle over which it lies; `None` for the original triangle.
+    /// The patch that was evaluated last, together with its triangle: one of the refined triangles, or `None` for the original triangle.
     last: Option<(Option<Place>, Box<Quartic>)>,
 }
 
-/// The number of a step, and one of the new triangles that the step makes.
+/// The number of a refinement step, and one of the new triangles that the step makes.
 type Place = (usize, ChildTriangle);
 
 /// The neighborhood of a triangle.
@@ -47,7 +47,8 @@ struct TriangleNeighborhood {
 }
 
 impl SmoothTriangle {
-    /// Creates the triangle of `half`, which starts at the first corner. This corner has `n` neighbors, at least 3; the others have six.
+    /// Creates the triangle of `half`, which starts at the first corner. The first corner has `n` neighbors, at least 3; the other corners
+    /// have six.
     pub(crate) fn from_half_edge(
         mesh: &Connectivity,
         points: &[Point3<f64>],

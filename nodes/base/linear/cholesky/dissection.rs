@@ -4,8 +4,8 @@
 //! George, "Nested dissection of a regular finite element mesh" (1973). The separator consists of the middle levels of a breadth-first
 //! search.
 
-/// The graph of the unknowns: two unknowns are linked if the matrix has an entry for them. Each link is listed in both directions; an
-/// unknown may be listed as its own neighbor.
+/// The graph of the unknowns: two unknowns are linked if the matrix has an entry in the row of one and the column of the other. Each link
+/// is listed in both directions; an unknown may be listed as its own neighbor.
 #[derive(Clone, Copy)]
 pub struct Links<'a> {
     /// For each unknown the index in `neighbors` at which its neighbors begin, followed by the length of `neighbors`.
@@ -124,7 +124,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Creates a new part from these unknowns and returns its number.
+    /// Creates a new part that consists of the unknowns `members`, and returns the number of the part.
     fn create_part(&mut self, members: &[u32]) -> u32 {
         members.iter().for_each(|&k| self.part[k as usize] = self.parts);
         self.parts += 1;

@@ -33,8 +33,8 @@ impl Front {
         }
     }
 
-    /// Eliminates the first columns, one for each entry of `min_pivots`. They become columns of the factor; the other columns become the
-    /// update for later fronts. Returns false if a pivot is not greater than its minimum.
+    /// Eliminates the first columns, one for each entry of `min_pivots`. The eliminated columns become columns of the factor; the other
+    /// columns become the update for later fronts. Returns false if a pivot is not greater than the minimum for its column.
     ///
     /// # Errors
     /// If the evaluation is cancelled.
@@ -93,7 +93,7 @@ fn eliminate(
             if column >= end {
                 continue;
             }
-            // The comparison is also false for a NaN pivot.
+            // The comparison is also false if the pivot is NaN.
             let is_usable = own[0] > min_pivots[column];
             if !is_usable {
                 return Ok(false);

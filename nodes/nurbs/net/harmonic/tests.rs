@@ -90,7 +90,7 @@ fn nets_of_regions_with_bays_and_holes_face_the_sensor() {
         assert!(down.cross(&right).z < 0.0);
         let chart = net.chart().unwrap();
         assert_eq!(&*chart.cells, whole.cells());
-        // A region in two parts is an error, unless one of them has no triangle. Both results are correct, so this only checks that nothing
+        // A region in two parts is an error, unless one of them has no triangle. Both results are correct, so check only that nothing
         // panics.
         let _ = control_net(&holed, &range, HARMONIC, 0, 0, &Progress::silent());
     }
@@ -108,7 +108,8 @@ fn given_corners_are_the_corners_of_the_net() {
         let method = NetMethod::Harmonic { corners: Some(corners) };
         control_net(rectangle, range, method, 7, 5, &Progress::silent())
     }
-    // The corners are rotated by 90 degrees; the third one is in the middle of a side, given slightly outside.
+    // The list of corners starts one corner later than usual. The third corner is in the middle of a side of the region, and is given
+    // slightly outside of the region.
     let net = net_with_corners([[5, 14], [20, 14], [22, 8], [5, 3]], &rectangle, &range).unwrap();
     fn horizontal_position(
         row: usize,

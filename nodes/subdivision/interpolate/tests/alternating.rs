@@ -3,7 +3,8 @@
 use super::*;
 use crate::shapes::polygons;
 
-/// Creates a closed or open grid of quads whose vertices alternate between high and low with this amplitude.
+/// Creates a closed or open grid of quads whose vertices alternate between displacements of `amplitude` and `-amplitude` from a torus or
+/// plane.
 fn alternating_grid(closed: bool, [n, m]: [u32; 2], amplitude: f64) -> Mesh {
     fn sign(k: u32, n: u32, amplitude: f64) -> f64 {
         if (k % n + k / n).is_multiple_of(2) { amplitude } else { -amplitude }

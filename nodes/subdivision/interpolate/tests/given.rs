@@ -69,7 +69,7 @@ fn prepare(mesh: &Mesh, scheme: Scheme) -> Mesh {
     Mesh::new(mesh.positions().clone(), mesh.faces().clone()).unwrap()
 }
 
-/// The largest distance of a control point from its vertex, relative to the diagonal of the bounding box.
+/// The largest distance of a control point from the given vertex with the same index, relative to the diagonal of the bounding box.
 fn max_displacement(mesh: &Mesh, control: &Mesh) -> f64 {
     let pairs = mesh.positions().iter().zip(control.positions().iter());
     pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) / diagonal(mesh.positions())
@@ -87,7 +87,7 @@ fn check(name: &str, mesh: &Mesh, scheme: Scheme, foot: Foot, direction: Directi
     let moved = max_displacement(&mesh, &found.shape);
     let said = format!("{name} {scheme:?} {foot:?} {direction:?}: {missed:e} {moved}");
     assert!(found.settled && missed <= 1e-6 && moved <= 1.0, "{said}");
-    // The check compares with the vertices' distances from a fine mesh; its accuracy depends on the edge length of this mesh.
+    // The expected distances are those of the vertices from a fine mesh; their accuracy depends on the edge length of the fine mesh.
     if mesh.positions().len() < 300 {
         let fine = refine_mesh(&found.shape, scheme, 5, true);
         let hits = TriangleTree::new(&fine).nearest_to_all(mesh.positions());
@@ -172,7 +172,7 @@ fn an_unsolvable_problem_is_an_error_without_extreme_control_points() {
                     Interpolation { foot, direction, solver, iterations, ..Default::default() };
                 let options = InterpolateOptions { how, ..InterpolateOptions::default() };
                 match interpolate(&mesh, Scheme::CatmullClark, &options, &[], &Progress::silent()) {
-                    // If there is a solution, its control points are far from the vertices, but its surface is not.
+                    // If there is a solution, its control points are far from the given vertices, but its limit surface is near them.
                     Ok(found) => {
                         let surface = refine_mesh(&found.shape, Scheme::CatmullClark, 4, true);
                         let (low, high) = mesh.bounds().unwrap();

@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// Returns the numbers of iterations after which the distance is below 1e-3, 1e-4, 1e-5 and 1e-6 of the diagonal.
+/// Returns the numbers of iterations after which the largest distance of a vertex from the surface is below 1e-3, 1e-4, 1e-5 and 1e-6 of
+/// the diagonal of the mesh's bounding box.
 fn counts(mesh: &Mesh, foot: Foot) -> [u64; 4] {
     let mut options = options(Solver::Plain, 1e-6);
     options.how.foot = foot;
@@ -15,7 +16,7 @@ fn counts(mesh: &Mesh, foot: Foot) -> [u64; 4] {
     })
 }
 
-// The reference numbers of iterations were measured with a mesh instead of the exact surface, and with other noise.
+// The reference numbers of iterations were measured on a mesh that approximates the surface, and with other noise.
 #[test]
 fn both_feet_need_the_reference_numbers_of_iterations() {
     let (sphere, torus) = (add_bumps(&sphere(2)), torus(24, 12, true));

@@ -6,7 +6,7 @@ use crate::{Corners, Subdivision, subdivide};
 /// The sharp edges of a refined mesh are in no particular order, so each must be found again in the next step.
 #[test]
 fn the_composed_surface_is_the_subdivided_one_with_its_creases() {
-    // The angles make some edges sharp, all, or none.
+    // Edges whose faces meet at a larger angle are sharp: with these angles, some edges, all edges, and no edges.
     for angle in [60.0, 0.0, 180.0] {
         let mesh = crease(&torus(6, 5, true), angle, 10.0);
         for levels in 0..4 {

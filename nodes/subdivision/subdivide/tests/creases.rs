@@ -31,8 +31,8 @@ fn by_hoppe_an_irregular_crease_vertex_has_weights_1_3_1() {
     }
     let [c, left, right] = [0, 1, 4].map(|k| mesh.positions()[k].coords);
     let direct = subdivide(&mesh, subdivision_options(0)).unwrap().positions()[0].coords;
-    // In the first step the new vertices on the crease are the midpoints of its edges: the ends of the crease are irregular, because they
-    // are on the border and have three edges.
+    // In the first step, the new vertices on the edges of the crease are the midpoints of these edges, because the ends of the crease are
+    // irregular: they are on the border and have three edges.
     let once = [0.75 * c + 0.125 * (left + right), (c + left) / 2.0, (c + right) / 2.0];
     assert!((direct - (3.0 * once[0] + once[1] + once[2]) / 5.0).norm() < 1e-15);
     for levels in 1..4 {

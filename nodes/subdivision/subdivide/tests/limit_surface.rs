@@ -90,7 +90,7 @@ fn a_regular_patch_is_a_b_spline_with_its_derivatives() {
     let surface = surface(&mesh, Scheme::CatmullClark);
     for k in 0..50 {
         let [u, v] = [f64::from(k % 7) / 6.0, f64::from(k % 5) / 4.0];
-        // Face 12 is the square with its lowest corner at (2, 2), counter-clockwise as seen from above.
+        // Face 12 is the square with its lowest corner at (2, 2), with its corners counter-clockwise as seen from above.
         let point = surface.evaluate(12, u, v);
         let [x, y] = [2.0 + u, 2.0 + v];
         let height = 0.5 * x * x - x * y + 0.25 * y * y + x + (1.0 + 0.5) / 6.0;

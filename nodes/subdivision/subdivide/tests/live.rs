@@ -1,4 +1,4 @@
-//! Tests of refined meshes that follow their control points.
+//! Tests of refined meshes that are updated when control points move.
 
 use super::super::*;
 use super::scheme_options;
