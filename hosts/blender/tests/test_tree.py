@@ -28,7 +28,7 @@ def why(tree: bpy.types.NodeTree) -> Any:
     state = code.states.get(code.key(tree))
     if not state or not state.outline:
         return (tree.maquette_graph, "nothing is known")
-    edits, _ = module("edits").difference(state.outline, code.shown(tree)[0])
+    edits, _ = module("edits").difference(state.outline, code.view_of(tree)[0])
     waits = {"busy": state.busy, "changed": code.key(tree) in code.changed, "text": state.history.text != tree.maquette_text}
     return (tree.maquette_graph, state.message, edits, waits) if edits or any(waits.values()) else None
 
@@ -39,7 +39,7 @@ def is_settled(tree: bpy.types.NodeTree, path: pathlib.Path) -> bool:
     state = code.states.get(code.key(tree))
     if not state or not state.outline or state.busy or state.history.text != text or tree.maquette_text != text or state.undone:
         return False
-    edits, _ = module("edits").difference(state.outline, code.shown(tree)[0])
+    edits, _ = module("edits").difference(state.outline, code.view_of(tree)[0])
     return state.stamps.get(str(path)) == path.stat().st_mtime_ns and not edits and code.key(tree) not in code.changed
 
 

@@ -476,7 +476,7 @@ def test_vertices_are_given_as_points_and_what_cannot_be_given_is_said(empty: An
             assert (len(owner.data.vertices), len(owner.data.edges)) == (8, 0)
             assert world(owner) == [-1, -1, 2, 1, 1, 4]
         else:
-            until(lambda: f"a value of the type {kind}, and an object can be given as Mesh, Points or Curve only" in live.state(owner).message)
+            until(lambda: f"the input takes a value of type {kind}, but an object can only be passed as Mesh, Points or Curve" in live.state(owner).message)
             assert not owner.maquette.shown
 
 

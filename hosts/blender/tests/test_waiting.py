@@ -185,7 +185,7 @@ def test_b3_waiting_ends_after_its_timeout(empty: Any, folder: pathlib.Path) -> 
         sys.modules[PACKAGE].update(timeout=0.3)
     module("live").cancel(owner)
     until(lambda: module("live").state(owner).run is None)
-    assert "behind" in module("live").state(owner).message
+    assert "out of date" in module("live").state(owner).message
     owner["maquette levels"] = 0
     module("waiting").update()
     assert not module("live").state(owner).message
