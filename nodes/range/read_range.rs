@@ -70,7 +70,7 @@ impl Node for ReadRange {
                 cx.warn(format!("the camera file in the same folder is not used: {error}"));
                 read(None)
             }
-            // The format belongs to another pack, whose importer takes care of units and axes.
+            // This pack does not know the extension. Another pack may register a reader for it, which converts units and axes by itself.
             Err(error) if is_unknown(&error) => with_colors(cx.read(&self.path)?, camera.as_ref()),
             outputs => outputs,
         }

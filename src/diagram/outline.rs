@@ -107,8 +107,9 @@ pub(crate) struct OutputEntry {
     pub(crate) link: Option<Target>,
 }
 
-/// Checks a text as the content of the graph file at `path`. Returns the result of the check, and the parts of the text. For a patch,
-/// returns the parts of the patched graph. `None` instead of the parts if the text cannot be parsed.
+/// Checks a text as the content of the graph file at `path`. Returns the result of the check, and the outline: nodes, links and outputs. If
+/// the file is a patch, which lists changes of another graph, the outline is that of the changed graph. It is `None` if the text cannot be
+/// parsed.
 pub fn outline(
     path: &Path,
     text: String,

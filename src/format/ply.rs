@@ -154,7 +154,7 @@ fn no_vertices() -> Error {
 /// The name of the element that contains triangle strips.
 const STRIPS: &str = "tristrips";
 
-/// Returns the faces of a mesh that has none.
+/// Returns an empty set of faces.
 fn no_faces() -> Faces {
     Faces::triangles(Vec::new())
 }

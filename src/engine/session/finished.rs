@@ -43,8 +43,8 @@ impl RunResult {
         self.evaluation.value(node, output)
     }
 
-    /// Returns the value of an output of a node, if it was requested and did not fail. The node may use another graph. Outputs of the whole
-    /// graph are not searched.
+    /// Returns the value of an output of a node, if it was requested and did not fail. The node may be one that uses another graph. The
+    /// names in the section `outputs` of the graph are not searched.
     pub fn value_of(&self, node: &str, output: &str) -> Option<&AnyValue> {
         self.evaluation.find(&self.graph, node, output)
     }

@@ -1,4 +1,5 @@
-//! Graphs of old and unknown packs. Renamed items keep their meaning, and unknown items are kept.
+//! Graphs that were written for an older version of a pack, or for a pack that is not installed. Nodes and fields that have been renamed
+//! keep their meaning, and nodes of unknown types stay in the text.
 
 use std::fmt::Write as _;
 use std::path::Path;
