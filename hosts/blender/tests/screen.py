@@ -41,6 +41,8 @@ def take(script: pathlib.Path, folder: pathlib.Path, size: tuple[int, int] = (16
             environment = {
                 **os.environ,
                 "DISPLAY": f":{server.stdout.readline().decode().strip()}",
+                # Debian's Blender takes its modules from the Python that it finds first.
+                "PATH": os.pathsep.join(["/usr/bin", os.environ["PATH"]]),
                 "LIBGL_ALWAYS_SOFTWARE": "1",
                 "BLENDER_USER_CONFIG": resources,
                 "BLENDER_USER_SCRIPTS": resources,

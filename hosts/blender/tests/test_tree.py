@@ -163,7 +163,7 @@ def test_11_a_wrong_link_is_refused_in_the_checkers_words_on_the_node(tree: bpy.
     for source, output, node, port, words in (
         ("scan", "color", "spots", "mask", "wants a Mask"),
         ("red", "mask", "grid", "range", "wants a RangeImage"),
-        ("model", "mesh", "skin", "mesh", "circle"),
+        ("model", "mesh", "skin", "mesh", "cycle"),
     ):
         tree.links.new(node_named(tree, source).outputs[output], node_named(tree, node).inputs[port])
         until(lambda: words in node_named(tree, node).maquette_problem, 10)
