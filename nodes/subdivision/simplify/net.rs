@@ -300,10 +300,23 @@ impl Net {
         if !common.eq(apexes.iter().copied()) || shared.len() > 2 {
             return false;
         }
+        // The link condition also concerns edges (Dey et al., "Topology preserving edge contraction", 1999). A side that joins both apexes in
+        // a face at `a` and in a face at `b` would get two equal faces, as when an edge of a tetrahedron is collapsed.
+        if let [c, d] = apexes[..]
+            && [a, b].iter().all(|&end| self.has_face([end, c, d]))
+        {
+            return false;
+        }
         // If the two other sides of a triangle at the edge are both sharp, the collapse would merge them into one sharp edge.
         !apexes.iter().any(|v| self.is_sharp([a, *v]) && self.is_sharp([b, *v]))
             && self.keeps_sides(collapse, a, b)
             && self.keeps_sides(collapse, b, a)
+    }
+
+    /// Returns true if there is a face with these vertices.
+    fn has_face(&self, vertices: [u32; 3]) -> bool {
+        let mut faces = self.around[vertices[0] as usize].iter();
+        faces.any(|&face| vertices.iter().all(|v| self.triangles[face as usize].contains(v)))
     }
 
     /// Returns true if the faces of `vertex` keep their orientation and some area when it moves to its new position. Faces that also have

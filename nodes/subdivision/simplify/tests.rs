@@ -1,5 +1,5 @@
 use maquette_value::{Attribute, Faces};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use super::*;
 
@@ -149,6 +149,23 @@ fn a_closed_mesh_stays_closed_and_of_its_kind() {
     assert_eq!(v - e + f, 0);
     // A torus needs at least 14 triangles.
     assert!(simple(&coarse, 0).faces().len() >= 14);
+}
+
+#[test]
+fn a_closed_part_keeps_four_faces() {
+    let corners = [0, 1, 2].map(Vector3::<f64>::ith_axis).map(|axis| axis.into_inner());
+    let octahedron = corners.iter().flat_map(|axis| [Point3::from(*axis), Point3::from(-axis)]);
+    let faces = [0u32, 1].into_iter().flat_map(|x| [2, 3].map(|y| [4, 5].map(|z| (x, y, z))));
+    let faces = faces.flatten().map(|(x, y, z)| match (x + y + z) % 2 {
+        0 => [x, y, z],
+        _ => [y, x, z],
+    });
+    let faces = Faces::triangles(faces.collect());
+    let octahedron = Mesh::new(octahedron.collect::<Vec<_>>(), faces).unwrap();
+    assert!(octahedron.edges().faces.iter().all(|&faces| faces == 2));
+    let coarse = simple(&octahedron, 0);
+    assert_eq!((coarse.positions().len(), coarse.faces().len()), (4, 4));
+    assert!(coarse.edges().faces.iter().all(|&faces| faces == 2));
 }
 
 #[test]
