@@ -21,7 +21,7 @@ mod filter;
 pub struct Smooth {
     /// The surface.
     pub mesh: In<Mesh>,
-    /// Length in mm below which detail is removed; 0 takes six times the mean edge length.
+    /// Length in mm below which detail is removed; 0 takes six times the mean edge length, but at most 15 % of the bounding box's diagonal.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub length: f64,
@@ -53,7 +53,7 @@ impl Node for Smooth {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
-        let size = mesh.bounds().map_or(0.0, |(low, high)| (high - low).norm());
+        let size = diagonal(mesh);
         if MAX_LENGTH_RATIO * size < self.length {
             cx.warn(format!(
                 "`length` is {} mm, and the mesh {size:.0} mm large: its shape is lost, too",
@@ -74,7 +74,30 @@ const MAX_LENGTH_RATIO: f64 = 0.3;
 /// Default length below which detail is removed, as a multiple of the mean edge length.
 const DEFAULT_EDGE_LENGTHS: f64 = 6.0;
 
-/// Smooths `mesh`: removes detail smaller than `length` mm (six times the mean edge length if 0).
+/// Maximum of the default length, as a fraction of the diagonal of the mesh's bounding box. With a larger one, a coarse mesh such as a box of
+/// twelve triangles would collapse.
+const MAX_DEFAULT_RATIO: f64 = 0.15;
+
+/// Returns the default length for a mesh.
+fn default_length(mesh: &Mesh) -> f64 {
+    let (points, edges) = (mesh.positions(), &mesh.edges().vertices);
+    let lengths = edges.iter().map(|&ends| edge_length(ends, points));
+    let length = DEFAULT_EDGE_LENGTHS * lengths.sum::<f64>() / edges.len().max(1) as f64;
+    length.min(MAX_DEFAULT_RATIO * diagonal(mesh))
+}
+
+/// Returns the diagonal of the mesh's bounding box.
+fn diagonal(mesh: &Mesh) -> f64 {
+    mesh.bounds().map_or(0.0, |(low, high)| (high - low).norm())
+}
+
+/// Returns the length of the edge between two vertices.
+fn edge_length([a, b]: [u32; 2], points: &[Point3<f64>]) -> f64 {
+    (points[b as usize] - points[a as usize]).norm()
+}
+
+/// Smooths `mesh`: removes detail smaller than `length` mm. 0 takes six times the mean edge length, but at most 15 % of the bounding box's
+/// diagonal.
 ///
 /// Implicit fairing of the second order: Desbrun, Meyer, Schroeder and Barr, "Implicit fairing of irregular meshes using diffusion and
 /// curvature flow" (1999), section 2.4. It solves `(1 + (length / 2 pi)^4 L^2) x = x_before`, where the Laplacian `L` is that of cotangents
@@ -96,18 +119,7 @@ pub fn smooth(
     }
     let edges = mesh.edges();
     let points = mesh.positions();
-    /// Returns the length of the edge between two vertices.
-    fn edge_length([a, b]: [u32; 2], points: &[Point3<f64>]) -> f64 {
-        (points[b as usize] - points[a as usize]).norm()
-    }
-    let length = match length {
-        0.0 => {
-            DEFAULT_EDGE_LENGTHS
-                * edges.vertices.iter().map(|&ends| edge_length(ends, points)).sum::<f64>()
-                / edges.vertices.len().max(1) as f64
-        }
-        given => given,
-    };
+    let length = if length == 0.0 { default_length(mesh) } else { length };
     if length == 0.0 {
         return Ok(mesh.clone());
     }

@@ -46,6 +46,14 @@ fn a_ball_loses_its_noise_and_keeps_its_volume() {
 }
 
 #[test]
+fn a_coarse_mesh_keeps_its_shape_by_default() {
+    for mesh in [fine_cube(1), fine_cube(2), even_ball(1), even_ball(2)] {
+        let ratio = volume(&smooth_with(&mesh, 0.0, false)) / volume(&mesh);
+        assert!((0.7..1.01).contains(&ratio), "{} faces: {ratio}", mesh.faces().len());
+    }
+}
+
+#[test]
 fn a_plane_stays_a_plane_vertex_by_vertex() {
     let flat = sheet(20, |x, y| 0.3 * x - y);
     for keep_borders in [true, false] {
