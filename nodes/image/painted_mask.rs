@@ -10,7 +10,7 @@ use super::picture::Picture;
 use super::segment::mark_pixels::threshold;
 use super::segment::select::{Channel, Select, level};
 
-/// Reads a painted mask: a picture of any size, which is stretched to the size of another picture.
+/// Reads a painted mask: a picture of any size, which is stretched to the size of another picture. What is transparent is not painted.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct PaintedMask {
     /// Painted picture: a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR file.
@@ -54,7 +54,7 @@ impl Node for PaintedMask {
     const OUTPUTS: [&'static str; 1] = ["mask"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let painted = picture_file::read(cx.file(&self.path)?.bytes())?;
+        let (painted, opaque) = picture_file::read_with_opacity(cx.file(&self.path)?.bytes())?;
         let size = cx.get(&self.image).size();
         let from = [painted.width(), painted.height()];
         if is_stretched(from, size) {
@@ -63,7 +63,7 @@ impl Node for PaintedMask {
                 "the painted picture has {w} x {h} pixels, and is stretched to {width} x {height}"
             ));
         }
-        let mask = painted_mask(&painted, size, &self.paint, self.invert);
+        let mask = painted_mask(&painted, opaque.as_ref(), size, &self.paint, self.invert);
         if mask.is_empty() {
             cx.warn("no pixel of the picture has this paint");
         }
@@ -77,9 +77,11 @@ fn is_stretched([w, h]: [usize; 2], [width, height]: [usize; 2]) -> bool {
     (w * height).abs_diff(h * width) > max
 }
 
-/// Returns a mask of the painted pixels, scaled to the given size by nearest neighbor; with `invert` of all other pixels.
+/// Returns a mask of the painted pixels, scaled to the given size by nearest neighbor; with `invert` of all other pixels. A pixel outside of
+/// `opaque`, a mask of the picture's size, is not painted.
 pub fn painted_mask(
     painted: &Image,
+    opaque: Option<&Mask>,
     [width, height]: [usize; 2],
     paint: &Paint,
     invert: bool,
@@ -88,10 +90,10 @@ pub fn painted_mask(
     let marked = match *paint {
         Paint::Color { color, distance } => {
             let select = Select::Near { color, distance, lightness: 1.0 };
-            threshold(painted, None, &select, invert).expect("no pixel is sampled, no mask given")
+            threshold(painted, None, &select, false).expect("no pixel is sampled, no mask given")
         }
         Paint::Bright | Paint::Dark => {
-            let dark = (*paint == Paint::Dark) != invert;
+            let dark = *paint == Paint::Dark;
             let pixels = painted
                 .pixels()
                 .iter()
@@ -105,7 +107,9 @@ pub fn painted_mask(
     }
     let pixels = (0..width * height).map(|pixel| {
         let [column, row] = [nearest(pixel % width, width, w), nearest(pixel / width, height, h)];
-        w > 0 && h > 0 && marked.contains([column, row])
+        let at = [column, row];
+        let is_opaque = |opaque: &Mask| opaque.contains(at);
+        w > 0 && h > 0 && (marked.contains(at) && opaque.is_none_or(is_opaque)) != invert
     });
     Mask::from_bools(width, height, pixels.collect()).expect("one entry per pixel")
 }
@@ -123,22 +127,35 @@ mod tests {
 
     #[test]
     fn pictures_are_stretched_and_shrunk() {
-        let large = painted_mask(&example(), [6, 4], &Paint::Bright, false);
+        let large = painted_mask(&example(), None, [6, 4], &Paint::Bright, false);
         expect![["##....\n##....\n....##\n....##\n"]].assert_eq(&large.draw());
-        assert_eq!(painted_mask(&example(), [1, 1], &Paint::Bright, true).draw(), "#\n");
-        assert_eq!(painted_mask(&example(), [0, 3], &Paint::Bright, false).count(), 0);
+        assert_eq!(painted_mask(&example(), None, [1, 1], &Paint::Bright, true).draw(), "#\n");
+        assert_eq!(painted_mask(&example(), None, [0, 3], &Paint::Bright, false).count(), 0);
     }
 
     #[test]
     fn dark_and_colored_paint_is_recognized() {
         fn draw(paint: Paint, invert: bool) -> String {
-            painted_mask(&example(), [3, 2], &paint, invert).draw()
+            painted_mask(&example(), None, [3, 2], &paint, invert).draw()
         }
         assert_eq!(draw(Paint::Dark, false), ".##\n##.\n");
         assert_eq!(draw(Paint::Dark, true), "#..\n..#\n");
         let red = Paint::Color { color: Color([200, 20, 20]), distance: 5.0 };
         assert_eq!(draw(red, false), "..#\n...\n");
         assert_eq!(draw(red, true), "##.\n###\n");
+    }
+
+    #[test]
+    fn what_is_transparent_is_not_painted() {
+        let opaque = Mask::from_rows(&[".#.", "##."]);
+        fn draw(paint: Paint, invert: bool, opaque: &Mask) -> String {
+            painted_mask(&example(), Some(opaque), [3, 2], &paint, invert).draw()
+        }
+        assert_eq!(draw(Paint::Dark, false, &opaque), ".#.\n##.\n");
+        assert_eq!(draw(Paint::Dark, true, &opaque), "#.#\n..#\n");
+        assert_eq!(draw(Paint::Bright, false, &opaque), "...\n...\n");
+        let white = Paint::Color { color: Color([255; 3]), distance: 5.0 };
+        assert_eq!(draw(white, false, &Mask::from_rows(&["#..", "..."])), "#..\n...\n");
     }
 
     #[test]

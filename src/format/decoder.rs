@@ -1,7 +1,7 @@
 //! Decodes pictures with the crate `image`: checks memory limits before unpacking, then converts to 8-bit sRGB.
 //!
-//! Gray becomes three equal channels, 16-bit channels are cut to their upper 8 bits, and alpha is dropped. Floats are linear light: they
-//! are clamped to the range from 0 to 1 and converted to sRGB; NaN becomes black.
+//! Gray becomes three equal channels, and 16-bit channels are cut to their upper 8 bits. Floats are linear light: they are clamped to the
+//! range from 0 to 1 and converted to sRGB; NaN becomes black. Alpha is dropped; [`Decoded::opaque_pixels`] tells which pixels are opaque.
 //!
 //! All formats are read through `ImageDecoder` with the limit `max_memory`.
 
@@ -64,11 +64,11 @@ impl File<'_> {
     }
 
     /// Decodes the picture if `check` accepts its size.
-    pub(super) fn picture<D: ImageDecoder>(
+    pub(super) fn decode<D: ImageDecoder>(
         &self,
         open: impl FnOnce() -> Result<D, ImageError>,
         check: impl FnOnce(u32, u32) -> Result<(), Error>,
-    ) -> Result<Image, Error> {
+    ) -> Result<Decoded, Error> {
         // A panic in a third-party decoder is reported as a damaged file; the decoder is not used any more.
         let panicked = |_| unreadable(self.format, "the decoder panicked");
         let decoder = catch_unwind(AssertUnwindSafe(open)).map_err(panicked)?;
@@ -89,15 +89,51 @@ impl File<'_> {
             DynamicImage::from_decoder(decoder)
         }));
         let decoded = decoded.map_err(panicked)?;
-        let decoded = decoded.map_err(|found| match found {
+        let picture = decoded.map_err(|found| match found {
             ImageError::Limits(limit) if limit.kind() == LimitErrorKind::InsufficientMemory => {
                 too_large()
             }
             found => self.decode_error(&found),
         })?;
-        let pixels = eight_bits(decoded)
+        Ok(Decoded { format: self.format, picture })
+    }
+}
+
+/// A decoded picture, with the kind of pixels that the file has.
+pub(super) struct Decoded {
+    format: &'static str,
+    picture: DynamicImage,
+}
+
+impl Decoded {
+    /// Converts the picture to 8-bit sRGB.
+    pub(super) fn into_image(self) -> Result<Image, Error> {
+        let (width, height) = (self.picture.width() as usize, self.picture.height() as usize);
+        let pixels = eight_bits(self.picture)
             .ok_or_else(|| unreadable(self.format, "an unknown kind of pixels"))?;
-        Image::new(width as usize, height as usize, pixels).map_err(|e| unreadable(self.format, e))
+        Image::new(width, height, pixels).map_err(|error| unreadable(self.format, error))
+    }
+
+    /// Returns true for each pixel whose alpha is at least one half, row by row. `None` if the picture has no alpha channel.
+    pub(super) fn opaque_pixels(&self) -> Option<Vec<bool>> {
+        Some(match &self.picture {
+            DynamicImage::ImageLumaA8(gray) => {
+                gray.pixels().map(|pixel| pixel.0[1] >= 128).collect()
+            }
+            DynamicImage::ImageRgba8(rgba) => {
+                rgba.pixels().map(|pixel| pixel.0[3] >= 128).collect()
+            }
+            DynamicImage::ImageLumaA16(gray) => {
+                gray.pixels().map(|pixel| pixel.0[1] >= 1 << 15).collect()
+            }
+            DynamicImage::ImageRgba16(rgba) => {
+                rgba.pixels().map(|pixel| pixel.0[3] >= 1 << 15).collect()
+            }
+            DynamicImage::ImageRgba32F(rgba) => {
+                rgba.pixels().map(|pixel| pixel.0[3] >= 0.5).collect()
+            }
+            _ => return None,
+        })
     }
 }
 
@@ -172,7 +208,7 @@ mod tests {
     use ::tiff::decoder::DecodingResult;
     use ::tiff::encoder::{Compression, TiffEncoder, TiffValue, colortype};
     use expect_test::{Expect, expect};
-    use maquette_value::Image;
+    use maquette_value::{Image, Mask};
 
     use crate::{hostile, max_memory, picture_file, png, tiff};
 
@@ -240,6 +276,12 @@ mod tests {
             let expected = gray_or_rgb(&buffer, frame.color_type.samples());
             let image = png::read(&file).unwrap();
             assert_eq!(image.pixels(), expected, "{color:?} {depth:?} {keyed}");
+            let channels = frame.color_type.samples();
+            let opaque = [2, 4].contains(&channels).then(|| {
+                let pixels = buffer.chunks(channels).map(|pixel| pixel[channels - 1] >= 128);
+                Mask::from_bools(width as usize, height as usize, pixels.collect()).unwrap()
+            });
+            assert_eq!(picture_file::read_with_opacity(&file).unwrap(), (image, opaque));
         }
     }
 

@@ -10,7 +10,7 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-use super::decoder::{File, too_short};
+use super::decoder::{Decoded, File, too_short};
 
 /// The maximum number of pixels per byte: for each block of 64 pixels, the scan that contains its mean takes at least one bit.
 const MAX_PIXELS_PER_BYTE: usize = 64 * 8;
@@ -20,10 +20,15 @@ const MAX_PIXELS_PER_BYTE: usize = 64 * 8;
 /// Returns an error if the bytes are not a JPEG file, the file is damaged or truncated, or its header states more pixels than fit in the
 /// file or in memory.
 pub fn read(bytes: &[u8]) -> Result<Image, Error> {
+    decode_picture(bytes)?.into_image()
+}
+
+/// Decodes a picture; see [`read`].
+pub(super) fn decode_picture(bytes: &[u8]) -> Result<Decoded, Error> {
     let outline = scan_markers(bytes);
     let copies = outline.as_ref().map_or(1, Outline::copies);
     let file = File { format: "JPEG", bytes, copies };
-    file.picture(
+    file.decode(
         || StrictDecoder::new(bytes),
         |width, height| {
             let limit = MAX_PIXELS_PER_BYTE.saturating_mul(bytes.len());

@@ -12,7 +12,7 @@ use maquette_syntax::bail;
 use maquette_syntax::error::Error;
 use maquette_value::{Image, Mask, Mesh, Rgb};
 
-use super::decoder::File;
+use super::decoder::{Decoded, File};
 pub use super::picture_kind::Kind;
 use super::{camera, excerpt, exif, jpeg, png, tiff};
 
@@ -38,6 +38,24 @@ pub(super) fn on_mesh(mesh: Mesh, name: &str, file: &InputFile<'_>) -> Mesh {
 ///
 /// Returns an error if the format is unknown, the file is damaged, or the picture is too large.
 pub fn read(bytes: &[u8]) -> Result<Image, Error> {
+    decode(bytes)?.into_image()
+}
+
+/// Reads a picture like [`read`]. Also returns the mask of the opaque pixels, whose alpha is at least one half. It is `None` if the picture
+/// has no alpha channel.
+///
+/// # Errors
+/// The errors of [`read`].
+pub fn read_with_opacity(bytes: &[u8]) -> Result<(Image, Option<Mask>), Error> {
+    let decoded = decode(bytes)?;
+    let opaque = decoded.opaque_pixels();
+    let image = decoded.into_image()?;
+    let opaque = opaque.map(|pixels| Mask::from_bools(image.width(), image.height(), pixels));
+    let opaque = opaque.transpose()?;
+    Ok((image, opaque))
+}
+
+fn decode(bytes: &[u8]) -> Result<Decoded, Error> {
     fn accept_any_size(_: u32, _: u32) -> Result<(), Error> {
         Ok(())
     }
@@ -46,22 +64,22 @@ pub fn read(bytes: &[u8]) -> Result<Image, Error> {
     }
     let cursor = Cursor::new(bytes);
     match Kind::detect(bytes) {
-        Some(Kind::Png) => png::read(bytes),
-        Some(Kind::Jpeg) => jpeg::read(bytes),
-        Some(Kind::Tiff) => tiff::read(bytes),
+        Some(Kind::Png) => png::decode_picture(bytes),
+        Some(Kind::Jpeg) => jpeg::decode_picture(bytes),
+        Some(Kind::Tiff) => tiff::decode_picture(bytes),
         // The WebP decoder decodes into its own RGBA buffer.
         Some(Kind::WebP) => {
-            file("WebP", bytes, 3).picture(|| WebPDecoder::new(cursor), accept_any_size)
+            file("WebP", bytes, 3).decode(|| WebPDecoder::new(cursor), accept_any_size)
         }
         Some(Kind::Bmp) => {
-            file("BMP", bytes, 1).picture(|| BmpDecoder::new(cursor), accept_any_size)
+            file("BMP", bytes, 1).decode(|| BmpDecoder::new(cursor), accept_any_size)
         }
         // The OpenEXR decoder allocates its own buffer and a copy of it.
         Some(Kind::Exr) => {
-            file("EXR", bytes, 2).picture(|| OpenExrDecoder::new(cursor), accept_any_size)
+            file("EXR", bytes, 2).decode(|| OpenExrDecoder::new(cursor), accept_any_size)
         }
         Some(Kind::Hdr) => {
-            file("HDR", bytes, 1).picture(|| HdrDecoder::new(cursor), accept_any_size)
+            file("HDR", bytes, 1).decode(|| HdrDecoder::new(cursor), accept_any_size)
         }
         None => bail!(
             "byte 0: expected a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR picture, found `{}`",

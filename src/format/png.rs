@@ -12,7 +12,7 @@ use maquette_syntax::bail;
 use maquette_syntax::error::Error;
 use maquette_value::{Field, Image, Labels, Mask};
 
-use super::decoder::{File, too_large, too_short, unreadable};
+use super::decoder::{Decoded, File, too_large, too_short, unreadable};
 use super::{depth, max_memory};
 
 /// The maximum size of a depth map's samples, in bytes. The limit is necessary because a small file can unpack to a thousand times its
@@ -24,9 +24,14 @@ const MAX_BYTES: usize = 512 << 20;
 /// # Errors
 /// If the bytes are not a PNG file, it is damaged, or the picture takes too much memory.
 pub fn read(bytes: &[u8]) -> Result<Image, Error> {
+    decode_picture(bytes)?.into_image()
+}
+
+/// Decodes a picture; see [`read`].
+pub(super) fn decode_picture(bytes: &[u8]) -> Result<Decoded, Error> {
     let file = File { format: "PNG", bytes, copies: 1 };
     // The file must have at least one bit per pixel.
-    file.picture(
+    file.decode(
         || PngDecoder::with_limits(Cursor::new(bytes), file.limits()),
         |width, height| check_size(width, height, 1, bytes.len()),
     )

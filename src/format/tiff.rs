@@ -15,7 +15,7 @@ use maquette_syntax::bail;
 use maquette_syntax::error::Error;
 use maquette_value::{Field, Image, Mask};
 
-use super::decoder::{File, too_large, too_short, unreadable};
+use super::decoder::{Decoded, File, too_large, too_short, unreadable};
 use super::{depth, max_memory};
 
 /// The maximum size of a decoded picture, in bytes.
@@ -122,10 +122,15 @@ fn check_directory(bytes: &[u8]) -> Result<(), Error> {
 ///
 /// Returns an error if the bytes are not a TIFF file, the file is damaged, the picture takes too much memory, or its kind is not supported.
 pub fn read(bytes: &[u8]) -> Result<Image, Error> {
+    decode_picture(bytes)?.into_image()
+}
+
+/// Decodes a picture; see [`read`].
+pub(super) fn decode_picture(bytes: &[u8]) -> Result<Decoded, Error> {
     check_picture(bytes)?;
     // The TIFF decoder decodes into a buffer of its own, so the picture is in memory twice.
     let file = File { format: "TIFF", bytes, copies: 2 };
-    file.picture(|| TiffDecoder::new(Cursor::new(bytes)), |_, _| Ok(()))
+    file.decode(|| TiffDecoder::new(Cursor::new(bytes)), |_, _| Ok(()))
 }
 
 /// Checks that a file contains a picture of a supported kind, and is long enough for it.
