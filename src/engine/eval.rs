@@ -121,7 +121,7 @@ pub(crate) const MAX_THREADS: usize = 1024;
 pub struct ThreadsError(String);
 
 impl ThreadsError {
-    /// Checks that the number of threads is at most [`MAX_THREADS`].
+    /// Checks that the number of threads is at most `MAX_THREADS`.
     pub fn check(threads: usize) -> Result<(), Self> {
         match threads {
             0..=MAX_THREADS => Ok(()),
@@ -135,7 +135,7 @@ impl ThreadsError {
 /// Starts a pool of `threads` threads for evaluators; 0 means one thread per processor.
 ///
 /// # Errors
-/// If the threads cannot be started, or `threads` exceeds [`MAX_THREADS`].
+/// If the threads cannot be started, or `threads` exceeds `MAX_THREADS`.
 pub fn start_threads(threads: usize) -> Result<Arc<rayon::ThreadPool>, ThreadsError> {
     ThreadsError::check(threads)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();

@@ -1,6 +1,6 @@
 //! PNG pictures.
 //!
-//! All color types are read to 8-bit sRGB (see [`super::decoder`]); palettes are expanded. Depth maps keep their 16 bits. Files are written
+//! All color types are read to 8-bit sRGB (see `decoder.rs`); palettes are expanded. Depth maps keep their 16 bits. Files are written
 //! with fast compression, because the time for writing matters more than the size.
 
 use std::io::Cursor;

@@ -1,6 +1,6 @@
 //! TIFF, for pictures and depth maps: uncompressed, LZW, Deflate or PackBits.
 //!
-//! Pictures are read to 8-bit sRGB (see [`super::decoder`]). A depth map is one channel of floats or integers. Files are written without
+//! Pictures are read to 8-bit sRGB (see `decoder.rs`). A depth map is one channel of floats or integers. Files are written without
 //! compression: fields as 32-bit floats, everything else with 8 bits.
 
 use std::io::Cursor;

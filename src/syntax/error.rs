@@ -73,7 +73,7 @@ impl From<Error> for Box<dyn std::error::Error> {
 #[error("{0}")]
 struct MessageError(String);
 
-/// Returns an [`Error`](crate::error::Error) with a message from the enclosing function. The arguments are those of `format!`.
+/// Returns an [`Error`] with a message from the enclosing function. The arguments are those of `format!`.
 #[macro_export]
 macro_rules! bail {
     ($($message:tt)+) => {

@@ -25,7 +25,7 @@ use crate::workers::{LOOK, lock, of_graphs};
 use crate::{CATALOG, plain};
 
 /// Maximum time that the caller waits for the end of an interrupted run.
-const PATIENCE: Duration = Duration::from_millis(80);
+const CANCEL_TIMEOUT: Duration = Duration::from_millis(80);
 
 /// The engine's session, with the results that it keeps, in one process.
 pub(crate) struct Host {
@@ -318,9 +318,9 @@ fn listen<'a>(
     }
 }
 
-/// Waits for the end of a cancelled run, at most `PATIENCE`.
+/// Waits for the end of a cancelled run, at most `CANCEL_TIMEOUT`.
 fn wait(heard: &Mutex<Receiver<RunEvent>>) {
-    let end = Instant::now() + PATIENCE;
+    let end = Instant::now() + CANCEL_TIMEOUT;
     while let Some(left) = end.checked_duration_since(Instant::now()) {
         match lock(heard).recv_timeout(left) {
             Ok(RunEvent::Told(..)) => {}

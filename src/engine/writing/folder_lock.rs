@@ -10,7 +10,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 /// The maximum time to wait for another process to release the lock. An edit takes milliseconds, or up to a second on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(20);
+const LOCK_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// The interval between two attempts to take the lock.
 const PAUSE: Duration = Duration::from_millis(2);
@@ -25,7 +25,7 @@ impl FolderLock {
     /// not call this again.
     ///
     /// # Errors
-    /// An error if another process holds the lock for longer than [`PATIENCE`].
+    /// An error if another process holds the lock for longer than `LOCK_TIMEOUT`.
     pub fn acquire(path: &Path) -> io::Result<Self> {
         // If the path is a link, lock the folder of its target.
         let real = std::fs::canonicalize(path);
@@ -37,7 +37,7 @@ impl FolderLock {
             match folder.try_lock() {
                 Ok(()) => return Ok(Self(Some(folder))),
                 Err(TryLockError::Error(_)) => return Ok(Self(None)),
-                Err(TryLockError::WouldBlock) if PATIENCE < start.elapsed() => {
+                Err(TryLockError::WouldBlock) if LOCK_TIMEOUT < start.elapsed() => {
                     return Err(super::changed_meanwhile());
                 }
                 Err(TryLockError::WouldBlock) => sleep(PAUSE),
