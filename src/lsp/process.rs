@@ -40,7 +40,7 @@ fn start_time(id: u32) -> Option<String> {
 }
 
 #[cfg(all(unix, not(target_os = "linux")))]
-fn start_of(id: u32) -> Option<String> {
+fn start_time(id: u32) -> Option<String> {
     let id = rustix::process::Pid::from_raw(i32::try_from(id).ok()?)?;
     let is_there = rustix::process::test_kill_process(id) != Err(rustix::io::Errno::SRCH);
     is_there.then(String::new)
@@ -48,7 +48,7 @@ fn start_of(id: u32) -> Option<String> {
 
 /// Returns `None`, because this system is not supported. The server ends only when stdin ends.
 #[cfg(not(unix))]
-fn start_of(_: u32) -> Option<String> {
+fn start_time(_: u32) -> Option<String> {
     None
 }
 
