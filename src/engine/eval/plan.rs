@@ -1,8 +1,8 @@
 //! Plans an evaluation: finds the nodes that need work before anything runs.
 //!
-//! For speed, a single hash of a node's name, recipe and links is compared first. If it and the dependencies are unchanged, the parts from
-//! which the node was computed need not be read. These are scattered in memory; reading them for 10 000 nodes took four of five
-//! milliseconds.
+//! For speed, a single hash of a node's name, recipe and links is compared first. If the hash and the node's dependencies are unchanged,
+//! the parts from which the node was computed need not be read. The parts are scattered in memory: for 10 000 nodes, reading them took 4 of
+//! the 5 ms of planning.
 
 use std::sync::{Arc, OnceLock};
 
@@ -68,7 +68,7 @@ impl KnownResults {
                 .collect(),
             Self::Some(results) => results,
         };
-        // If a node's new result differs from its known result, other nodes may still have been computed from the known one.
+        // False if the new result of a node differs from its known result. Then other nodes may have been computed from the known result.
         let mut agree = true;
         for (index, done) in visited {
             if let (Some(before), Some(done)) = (&results[index], &done) {

@@ -56,7 +56,7 @@ impl RunResult {
         outputs.map(|output| self.evaluation.value(node, output).cloned()).collect()
     }
 
-    /// Returns the files to which an output of the graph would be written, all in one folder. Returns `None` if the output was not
+    /// Returns the files that writing an output of the graph would create, all in one folder. Returns `None` if the output was not
     /// requested or failed.
     ///
     /// # Errors
@@ -128,7 +128,7 @@ impl OutputReport {
         self.evaluation.trace()
     }
 
-    /// Returns the time spent reading the files of nodes, in seconds, summed over all threads.
+    /// Returns the time spent reading the input files of nodes, in seconds, summed over all threads.
     pub fn seconds_of_files(&self) -> f64 {
         self.evaluation.seconds_of_files()
     }

@@ -35,8 +35,8 @@ impl Session {
         self.evaluator.known_files().extend(files);
     }
 
-    /// Returns the files that a graph reads, including the files `inputs` with the values of its inputs. Returns `None` if one of them
-    /// cannot be read. In a forecast, large files are skipped.
+    /// Returns the files that a graph reads, including `inputs`: the files that contain the values of the graph's inputs. Returns `None` if
+    /// one of the files cannot be read. In a forecast, large files are skipped.
     pub fn files_of(
         &self,
         graph: &Graph,
@@ -66,7 +66,7 @@ impl Session {
             }
             let hash = match reads.hash(file) {
                 Ok(hash) => hash,
-                // The graph already treats the file as missing, so this is not an error. If the file appears later, that is a change.
+                // Not an error: the graph was loaded without this file. If the file appears later, the graph counts as changed.
                 Err(_) if file.missing.is_some() && !file.path.exists() => None,
                 Err(_) => return None,
             };

@@ -106,8 +106,8 @@ impl Settings {
         Ok(Self { max_memory: Some(size(text)?), ..self })
     }
 
-    /// Creates an evaluator that runs on the given threads. Also returns the reason why it does not write results to disk although the
-    /// settings ask for it.
+    /// Creates an evaluator that runs on the given threads. Also returns the reason why the evaluator does not write results to disk
+    /// although the settings ask for it; `None` if nothing prevents writing.
     pub(super) fn evaluator(
         &self,
         catalog: &Catalog,
@@ -153,7 +153,8 @@ impl CacheServer {
         }
     }
 
-    /// Returns the address of the server, together with the name of the option or environment variable that contains it.
+    /// Returns the address of the server, after the name of the option or environment variable that contains it; `None` if no server is
+    /// used.
     pub fn address(&self) -> Option<(&'static str, String)> {
         match self {
             Self::Default => {
@@ -166,7 +167,7 @@ impl CacheServer {
     }
 }
 
-/// Returns the maximum size of the folder for results, in bytes.
+/// Returns the maximum size of the folder for results, in bytes. It is an error if `$MAQUETTE_CACHE_SIZE` is set but is not a size.
 pub fn disk_size() -> Result<u64, String> {
     match std::env::var("MAQUETTE_CACHE_SIZE") {
         Ok(text) => size(&text).map_err(|why| format!("MAQUETTE_CACHE_SIZE: {why}")),

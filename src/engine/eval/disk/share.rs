@@ -68,7 +68,8 @@ fn address(server: &str) -> Result<Address, String> {
 }
 
 impl Store {
-    /// Returns the server, or `None` if results from it cannot be written to the cache folder.
+    /// Returns the server. Returns `None` if no server is used, or if an error prevents writing of the server's results to the cache
+    /// folder.
     fn remote(&self) -> Option<&Remote> {
         self.remote.get().filter(|_| self.write_error.get().is_none())
     }

@@ -201,7 +201,7 @@ impl Project {
                 }
                 _ => "",
             };
-            // Use only the first element of a list.
+            // If the linked node has a list as its result, link to the first element of the list.
             let element = if to.kind == Kind::Each && !to.links.is_empty() { "/1" } else { "" };
             Some(format!("\"{}{element}{output}\"", to.name))
         };
