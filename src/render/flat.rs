@@ -148,7 +148,8 @@ pub fn fit_picture(picture: &Image, size: [usize; 2]) -> Image {
 struct Axis {
     /// The number of pixels along the axis before scaling.
     given: usize,
-    /// The number of pixels along the axis after scaling, and the index of the first of them in the new picture. Pixels outside are bars.
+    /// The number of pixels along the axis after scaling, and the index of the first of these pixels in the new picture. All other pixels
+    /// along the axis are bars.
     count: usize,
     first: usize,
 }

@@ -86,8 +86,8 @@ struct Leaning {
 }
 
 impl Shapes {
-    /// Builds the shapes of some layers. Returns `None` if no layer is in 3D space. `before` are the shapes shown previously. Where
-    /// possible, a shape is updated from the one at the same position in `before`.
+    /// Builds the shapes of some layers. Returns `None` if no layer is in 3D space. `before` contains the shapes shown previously. Where
+    /// possible, a shape is updated from the shape with the same index in `before`.
     pub fn from_layers(layers: &[Layer], before: &[Arc<Shape>]) -> Option<Self> {
         let (meshes, axes) = meshes_of(layers, None);
         let bounds = meshes.iter().filter_map(|(mesh, _)| mesh.cached_bounds());
@@ -232,8 +232,9 @@ fn list<T: Send>(count: usize, item: impl Fn(usize) -> T + Copy + Send + Sync) -
     (0..count).into_par_iter().with_min_len(CHUNK).map(item).collect()
 }
 
-/// Merges the corners at each vertex that have the same key into one display vertex. Vertices without corners are left out. Returns the
-/// display vertex of each corner, and the first corner of each display vertex.
+/// Merges corners of faces into display vertices. Corners become one display vertex if they are at the same mesh vertex and have equal
+/// keys. Mesh vertices without corners are left out. Returns the display vertex of each corner, and the first corner of each display
+/// vertex.
 fn weld<K: PartialEq>(
     corners: &[u32],
     vertices: usize,
@@ -290,7 +291,7 @@ impl<'a> Triangulation<'a> {
         }
     }
 
-    /// Returns the number of triangles per face, or 0 if it differs between faces.
+    /// Returns the number of triangles into which each face is divided, or 0 if this number differs between faces.
     fn of_face(&self) -> usize {
         self.mesh.faces().sides().map_or(0, |sides| sides - 2)
     }
@@ -315,8 +316,8 @@ impl<'a> Triangulation<'a> {
     }
 }
 
-/// The display vertices that belong only to leaning triangles. They are stored after the shared display vertices. Some capacity is
-/// reserved, so that other data does not move when their number changes a little.
+/// The display vertices that belong only to leaning triangles. They are stored after the shared display vertices. Some spare capacity is
+/// reserved, so that other data does not move when the number of these vertices changes a little.
 struct SeparateVertices {
     /// The number of display vertices that triangles share.
     count: usize,
@@ -409,7 +410,7 @@ impl<'a> Normals<'a> {
     }
 
     /// Finds the corners of a triangle at which the computed vertex normal deviates too much from the triangle's normal. Returns `None` if
-    /// there are none.
+    /// the triangle has no such corner.
     fn find_leaning(
         &self,
         mesh: &Mesh,

@@ -56,7 +56,7 @@ const BLUE: Rgb = [0, 0, 255];
 #[test]
 fn a_triangle_covers_its_pixels() {
     let triangle = mesh(&[[0., 0., 0.], [8., 0., 0.], [0., 8., 0.]], &[[0, 1, 2]]);
-    // The triangle begins 0.32 pixels from the border of the picture. The pixels on its diagonal are covered by half.
+    // The triangle begins 0.32 pixels from the border of the picture. The pixels on the longest edge of the triangle are half covered.
     let expected = concat!(
         "w.......\n",
         "ww......\n",
