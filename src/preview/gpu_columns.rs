@@ -42,7 +42,7 @@ pub struct ViewedValue {
     pub(crate) ground: Option<OwnedBackdrop>,
     /// The description of the value that pages receive.
     pub(super) about: Json,
-    /// The properties that nodes require of the value (`required`), and those of them that it lacks (`broken`).
+    /// The properties that nodes require of the value (`required`), and those required properties that the value lacks (`broken`).
     pub required: Vec<Requirement>,
     broken: Vec<UnmetRequirement>,
     columns: HashMap<String, Content>,

@@ -1,8 +1,8 @@
 //! Saves the port and token of the live page from one watch of a graph to the next. So the URL stays the same, and an open page reconnects
 //! to the next watch.
 //!
-//! They are saved in the user's private folder for program state, and not with the cached results, which may be deleted or shared. If they
-//! cannot be saved, the next watch has another URL.
+//! The port and token are saved in the user's private folder for program state. They are not saved with the cached results, which may be
+//! deleted or shared. If they cannot be saved, the next watch has another URL.
 
 use std::io;
 use std::path::{Path, PathBuf};
