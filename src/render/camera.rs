@@ -14,7 +14,7 @@ pub(super) const PARTS: i32 = 16;
 /// The tangent of 13 degrees, half the angle of view along the shorter side of the picture. Portrait lenses have a similar angle.
 const LENS: f64 = 0.230_868_191_125_563_1;
 
-/// The fraction of the width or height of the picture that the meshes fill.
+/// The fraction of the picture that the meshes fill, along the side of the picture that limits their size.
 const FILLED_FRACTION: f64 = 0.92;
 
 /// The minimum distance from the viewer to the scene, in units of view space.
