@@ -188,8 +188,8 @@ pub(super) fn check_continuity(
 /// Returns the root mean square of the jump of the curvature, in 1/mm, across the rim. The rim is the border between the new and the old
 /// faces.
 ///
-/// At each vertex of the rim, a quadratic height function over the tangent plane is fitted to the vertices on each side of the rim. It uses
-/// the vertices of two rings of faces around the vertex.
+/// At each vertex of the rim and on each side of the rim, a quadratic height function over the tangent plane is fitted to nearby vertices:
+/// those of two rings of faces around the vertex.
 fn curvature_jump(mesh: &Mesh, new: &[bool]) -> f64 {
     let mut rim: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     let edges = mesh.edges();

@@ -233,7 +233,8 @@ impl Evaluation {
         })
     }
 
-    /// Returns the value of the output with index `output` of the node with index `node`, if the value was requested and computed.
+    /// Returns the value of the output with index `output` of the node with index `node`. Returns `None` if the value was not requested or
+    /// not computed.
     pub fn value(&self, node: usize, output: usize) -> Option<&AnyValue> {
         let place = self.values.binary_search_by_key(&node, |(node, _)| *node).ok()?;
         self.values[place].1.get(output)
@@ -500,7 +501,7 @@ impl Evaluator {
         Evaluation { nodes, wanted, snapshot: found, events, values, files }
     }
 
-    /// Returns the disk cache, or `None` if this evaluation must not use it.
+    /// Returns the disk cache if this evaluation may use results from it, otherwise `None`.
     fn known_results(&self) -> Option<&Arc<Disk>> {
         self.disk.as_ref().filter(|_| !self.ignores_disk)
     }
@@ -551,7 +552,7 @@ impl Prediction {
         Some(self.0.get(node)?.outcome.outputs.get(output)?.1)
     }
 
-    /// Returns the hashes of the files that a node has read, like [`Evaluation::files_read_by`].
+    /// Returns the hashes of the files that a node has read, in the order of the node's file parameters. A missing file is `None`.
     pub(crate) fn files_read_by(&self, node: usize) -> &[Option<Hash>] {
         self.0.get(node).map_or(&[], |done| &done.parts.files)
     }

@@ -415,8 +415,8 @@ impl Session {
     }
 }
 
-/// Returns the key of the note that stores which graph wrote to `folder`. The key contains an `@`, so it differs from the path of any
-/// output.
+/// Returns the key of the note that stores which graph wrote to `folder`; `None` if the folder does not exist. The key contains an `@`, so
+/// it differs from the path of any output.
 fn graph_note(folder: &Path) -> Option<PathBuf> {
     Some(std::fs::canonicalize(folder).ok()?.join("@graph"))
 }
@@ -462,7 +462,8 @@ pub(crate) fn outputs_of<'g>(
         .collect()
 }
 
-/// Calls `find` for each name and returns all node indices that it finds, in one list. A name for which `find` returns no index is an error.
+/// Calls `find` for each name and returns all node indices that it finds, in one list. A name for which `find` returns no index is an
+/// error.
 fn nodes_named(
     graph: &Graph,
     names: &[String],

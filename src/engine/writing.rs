@@ -117,7 +117,8 @@ impl<'a> Destination<'a> {
         Ok(write_whole(path, bytes).map(|_| ())?)
     }
 
-    /// Writes several files. If one of them must not be written, none is written. The error names the file that caused it.
+    /// Writes several files. If one of them must not be written, none is written. The error contains the path of the file that could not be
+    /// written.
     pub fn put_all(&self, files: &[(PathBuf, Vec<u8>)]) -> Result<(), (PathBuf, WriteError)> {
         for (path, _) in files {
             self.check(path).map_err(|error| (path.clone(), error))?;

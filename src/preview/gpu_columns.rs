@@ -38,7 +38,7 @@ pub struct ViewedValue {
     pub value: AnyValue,
     /// The picture that represents the value; `None` if the value is not shown as a picture.
     pub picture: Option<Picture>,
-    /// The background picture on which `picture` is drawn.
+    /// The background picture on which `picture` is drawn; `None` for no background.
     pub(crate) ground: Option<OwnedBackdrop>,
     /// The description of the value that pages receive.
     pub(super) about: Json,

@@ -22,7 +22,7 @@ use crate::locks::lock_ignoring_poison;
 use crate::saved_address::Redirect;
 use crate::{pixel_probe, server};
 
-/// The live page. It is served until the program ends.
+/// The live page of a watch, with its server. The server runs until the program ends.
 pub struct Page {
     pub(crate) shared: Arc<PageState>,
     pub(crate) keeper: Option<Keeper>,
@@ -149,7 +149,7 @@ pub struct Feed {
     pub(crate) hello: Option<Arc<str>>,
     pub(crate) graph: Option<Arc<str>>,
     pub(crate) problems: Option<Arc<str>>,
-    /// The message about the end of the last run.
+    /// The message about the end of the last run; `None` if no run has ended yet.
     pub(crate) done: Option<Arc<str>>,
     /// The message about the beginning of the current run.
     pub(crate) run: Option<Arc<str>>,

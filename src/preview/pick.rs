@@ -186,8 +186,9 @@ impl Cone {
         is_one.then_some(Self { origin, direction, radius })
     }
 
-    /// Finds the position with the smallest angle to the ray. If several positions have that angle, returns the first. Returns the tangent
-    /// of the angle (the distance from the ray divided by the distance along the ray), and the position with its index.
+    /// Finds the position with the smallest angle to the ray, or the first of several such positions. Returns the tangent of the angle (the
+    /// distance from the ray divided by the distance along the ray), and the position with its index. Returns `None` if no position is
+    /// inside of the cone.
     fn nearest(
         &self,
         places: impl Iterator<Item = (usize, Point3<f64>)>,
@@ -214,8 +215,9 @@ fn axes_of_mesh(mesh: &Mesh) -> Axes {
     if mesh.frame().is_some() { Axes::Sensor } else { Axes::Upright }
 }
 
-/// Returns the color of a mesh where a ray hits it, as `maquette render` draws it. This is the color of the texture, or without a texture,
-/// the color of the nearest corner or vertex.
+/// Returns the color of a mesh where a ray hits it, as `maquette render` draws it. This is the color of the texture, otherwise of the
+/// nearest corner or vertex, otherwise of the material. Returns `None` if the mesh has none of these. For a texture, also returns the
+/// pixel.
 fn color_at(
     mesh: &Mesh,
     hit: &RayHit,

@@ -45,7 +45,7 @@ impl OwnedBackdrop {
     }
 }
 
-/// Returns the first flat picture among the layers.
+/// Returns the first flat picture among the layers, or `None` if no layer is a flat picture.
 pub fn picture_layer(layers: &[Layer]) -> Option<&Picture> {
     layers.iter().find_map(|layer| match layer {
         Layer::Picture(picture) => Some(picture),

@@ -343,7 +343,7 @@ impl<'a> ShadedTriangle<'a> {
     /// Returns the light of the triangle at the mean position of some samples of a pixel. `samples` is a mask with one bit per sample.
     #[inline(always)]
     fn light(&self, pixel: [usize; 2], samples: u16) -> Light {
-        // Barycentric coordinates are linear in the position. So their sum over the samples follows from the sum of the samples' positions.
+        // Barycentric coordinates are linear in the position. So compute their sum over all samples from the sum of the samples' positions.
         let count = samples.count_ones();
         #[inline(always)]
         fn sum_of_positions(k: usize, samples: u16, count: u32, pixel: [usize; 2]) -> f64 {

@@ -55,9 +55,9 @@ pub struct Shape {
     pub positions: Column<[f32; 3]>,
     /// The normals, packed: three signed numbers of ten bits, from the lowest bit. -511 to 511 stand for -1 to 1.
     pub normals: Column<u32>,
-    /// The colors: red, green and blue in sRGB, and 255.
+    /// The colors: red, green and blue in sRGB, and 255. `None` if the mesh has no colors.
     pub colors: Option<Column<[u8; 4]>>,
-    /// The texture coordinates. (0, 0) is the lower left corner of the texture.
+    /// The texture coordinates. (0, 0) is the lower left corner of the texture. `None` if the mesh has no texture coordinates.
     pub uv: Option<Column<[f32; 2]>>,
     pub triangles: Column<[u32; 3]>,
     /// The runs of triangles with the same texture: the length of each run, and the index of the material with that texture. Empty if all
@@ -66,7 +66,7 @@ pub struct Shape {
     pub fields: Arc<[Field]>,
     /// The vertex of the mesh that each display vertex shows.
     origins: Column<u32>,
-    /// The normals at the vertices of the mesh, if they were computed from its faces.
+    /// The normals at the vertices of the mesh, if they were computed from the faces. `None` if the mesh contains normals.
     computed: Option<Column<[f32; 3]>>,
     leaning: Vec<Leaning>,
     /// True if a vertex of the mesh may become several display vertices, because the data at its corners differ.
@@ -192,7 +192,7 @@ impl Shape {
         self.origins.size() + computed + size_of_val(&self.leaning[..])
     }
 
-    /// Returns the first material of the shape that has a visible texture.
+    /// Returns the first material of the shape that has a visible texture, or `None` if no material has one.
     pub fn textured_material(&self) -> Option<&Material> {
         self.materials()
             .iter()
@@ -220,7 +220,7 @@ impl Shape {
         self.mesh.vertex().pairs("uv").is_some()
     }
 
-    /// Returns the surface parameters (u, v) of each display vertex.
+    /// Returns the surface parameters (u, v) of each display vertex, or `None` if the mesh has no surface parameters.
     pub fn parameters(&self) -> Option<Vec<[f32; 2]>> {
         let uv = self.mesh.vertex().pairs("uv")?;
         Some(self.origins.iter().map(|&vertex| uv[vertex as usize].map(|x| x as f32)).collect())

@@ -299,7 +299,7 @@ fn lines_are_drawn_in_front_of_and_behind_faces() {
     let view = view(400, 400);
     let alone = render_layers(std::slice::from_ref(&faces), &view).unwrap();
     assert_eq!(alone, render(&mesh, &view));
-    // The three lines are in front of the square, behind it, and in front of it in a sensor's coordinate axes.
+    // Draw three lines: in front of the square, behind the square, and in front of the square but given in a sensor's coordinate axes.
     fn line_at(z: f64, axes: Axes) -> Layer {
         line([[0., 4., z], [8., 4., z]], axes)
     }

@@ -137,9 +137,9 @@ impl Run<'_> {
         apart.map(|(_, values)| size(values)).sum()
     }
 
-    /// Computes the node's values by updating its previous values. This needs the previous inputs and outputs in memory, and only input
-    /// values may have changed. Returns `None` if the node cannot update. The previous inputs are found by the hashes in the previous key,
-    /// so no record of the edits is needed.
+    /// Computes the node's values by updating its previous values. This is possible only if the previous inputs and outputs are in memory,
+    /// and only input values have changed. Returns `None` if the node cannot update. The previous inputs are found by the hashes in the
+    /// previous key, so no record of the edits is needed.
     fn update(
         &self,
         index: usize,

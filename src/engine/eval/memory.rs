@@ -120,8 +120,8 @@ impl Memory {
         lock(&self.state).waiting.extend(nodes.into_iter().map(|node| (node, 0)));
     }
 
-    /// Checks that enough memory for a node is free now. The node's lost values are computed again while other nodes wait for them, so this
-    /// node must not wait for memory itself.
+    /// Checks that enough memory for a node is free now. The lost values of the node are being computed again, and other nodes wait for
+    /// these values. So the node must not itself wait for memory.
     ///
     /// # Errors
     /// If there is not enough free memory.

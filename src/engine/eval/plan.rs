@@ -163,8 +163,8 @@ impl Evaluator {
         }
         let shape = graph.topology();
         let mut results: Vec<Option<Arc<NodeRecord>>> = vec![None; wanted.len()];
-        // Mark the nodes that are unchanged since the last evaluation, together with all their dependencies. That evaluation computed each
-        // of them from the results of its dependencies, so the results still match each other.
+        // Mark the nodes that are unchanged since the last evaluation, together with all their dependencies. The last evaluation computed
+        // each of these nodes from the results of its dependencies, so these results still match each other.
         let mut same = vec![false; wanted.len()];
         for index in (0..wanted.len()).filter(|&index| wanted[index]) {
             let known = match last

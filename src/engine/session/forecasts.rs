@@ -68,8 +68,8 @@ impl Session {
         self.evaluator.forecast(graph, nodes, &values)
     }
 
-    /// Returns facts about the last result of each node, from this process or another one. No node is run. The loops of the graph must be
-    /// expanded to their [last known counts](Self::with_last_counts).
+    /// Returns facts about the last result of each node, from this process or another one; `None` for a node without a known result. No
+    /// node is run. The loops of the graph must be expanded to their [last known counts](Self::with_last_counts).
     pub fn last_results(&mut self, graph: &Graph) -> Vec<Option<LastResult>> {
         self.evaluator.last_results(graph)
     }

@@ -19,7 +19,7 @@ pub struct ReadFiles {
     pub by_name: BTreeMap<String, Option<Hash>>,
     /// The metadata (stamps) of the files. A file whose metadata has not changed need not be read again.
     pub stamps: Vec<KnownFile>,
-    /// The first file that was skipped because it is large and forecasts do not read large files.
+    /// The first file that was skipped, because it is large and forecasts do not read large files; `None` if no file was skipped.
     pub first_unread: Option<String>,
 }
 
@@ -76,7 +76,7 @@ impl Session {
         Some(files)
     }
 
-    /// Returns a hash of everything that a graph computes and expects. It does not depend on the contents of the files that the graph
+    /// Returns a hash of everything that a graph computes and expects. The hash does not depend on the contents of the files that the graph
     /// reads.
     pub fn graph_identity(&self, graph: &Graph) -> Hash {
         let made = self.node_identities(graph);
@@ -100,7 +100,7 @@ impl Session {
         Hash::compute(words.as_bytes())
     }
 
-    /// Returns a hash of each node and all its dependencies. It does not depend on the contents of files.
+    /// For each node, returns a hash of the node and all its dependencies. The hashes do not depend on the contents of files.
     pub fn node_identities(&self, graph: &Graph) -> Vec<Hash> {
         ProvenanceBuilder::new(graph, &self.catalog).into_identities()
     }

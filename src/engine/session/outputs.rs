@@ -90,7 +90,7 @@ struct RewriteState {
     pieces: Pieces,
     #[expect(dead_code, reason = "others find it as long as it is there")]
     kept: CachedData,
-    /// The replaced version of the file, which the next write can overwrite.
+    /// The replaced version of the file, if there is one that the next write can overwrite.
     recycled: Option<RecycledFile<Pieces>>,
 }
 
@@ -438,7 +438,7 @@ impl OutputFolder {
         take(again).into_iter().zip(files.iter().map(|(_, verified)| verified.clone())).collect()
     }
 
-    /// Returns the files of an output, if they were made from data with the hash `made_of` and have not changed since.
+    /// Returns the files of an output if they were made from data with the hash `made_of` and have not changed since, otherwise `None`.
     fn unchanged_files(&self, output: &str, made_of: Hash) -> Option<Vec<OutputFile>> {
         let known = self.lock();
         let mut files = known.get(output).filter(|it| it.made_of == made_of)?.files.clone();

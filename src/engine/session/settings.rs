@@ -39,7 +39,8 @@ pub enum CacheFolder {
     None,
 }
 
-/// The server through which machines share results: see [`Disk::with_server`]. It is used only if there is also a folder for results.
+/// The server through which machines share results: see [`Disk::with_server`]. The server is used only if there is also a folder for
+/// results.
 #[derive(Clone, Default, PartialEq, Eq)]
 pub enum CacheServer {
     /// The default server of the command line: the address in `$MAQUETTE_CACHE_REMOTE`, or no server if that is not set.

@@ -24,7 +24,7 @@ pub(super) struct Verdicts {
 }
 
 impl Verdicts {
-    /// Returns the expectations that have no verdict for the values with the given hashes, and so must be checked.
+    /// Returns those expectations that must be checked, because no verdict about the values with the given hashes is stored.
     pub(super) fn open<'e>(
         &self,
         expected: &[&'e GraphExpectation],
