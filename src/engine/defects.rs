@@ -1,4 +1,5 @@
-//! Measures visible defects of meshes: holes near a region, sharp bends, jumps of the curvature, and vertex attributes out of their range.
+//! Measures visible defects of meshes: holes near a selected region, sharp bends, jumps of the curvature, and vertex attributes out of
+//! their range.
 
 use std::collections::BTreeMap;
 
@@ -156,7 +157,7 @@ fn new_faces(mesh: &Mesh, region: Option<&Region>) -> Result<Vec<bool>, &'static
 }
 
 /// Checks that the new faces (which fill a hole) continue the old faces smoothly. The bend at each edge between a new and an old face must
-/// be at most `max` degrees. If `curvature` is given, the jump of the curvature there must be at most `curvature`, in 1/mm.
+/// be at most `max` degrees. If `curvature` is given, it is the maximum jump of the curvature across these edges, in 1/mm.
 pub(super) fn check_continuity(
     mesh: &Mesh,
     region: Option<&Region>,
@@ -187,8 +188,8 @@ pub(super) fn check_continuity(
 /// Returns the root mean square of the jump of the curvature, in 1/mm, across the rim. The rim is the border between the new and the old
 /// faces.
 ///
-/// At each vertex of the rim, a quadratic height function over the tangent plane is fitted to the vertices on each side of the rim. It uses
-/// the vertices of two rings of faces around the vertex.
+/// At each vertex of the rim and on each side of the rim, a quadratic height function over the tangent plane is fitted to nearby vertices:
+/// those of two rings of faces around the vertex.
 fn curvature_jump(mesh: &Mesh, new: &[bool]) -> f64 {
     let mut rim: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     let edges = mesh.edges();
@@ -251,7 +252,8 @@ impl SideOfRim<'_> {
     }
 }
 
-/// Returns the indices of the faces at each vertex, ascending. Covers the vertices of the rim and all vertices that share a face with one.
+/// Returns the indices of the faces at each vertex, ascending. Covers the vertices of the rim (the border between new and old faces), and
+/// all vertices that share a face with a vertex of the rim.
 fn faces_around(mesh: &Mesh, rim: &BTreeMap<u32, Vec<u32>>) -> BTreeMap<u32, Vec<usize>> {
     let [mut is_rim, mut is_near] = [(); 2].map(|()| vec![false; mesh.positions().len()]);
     rim.keys().for_each(|&vertex| is_rim[vertex as usize] = true);
@@ -267,8 +269,8 @@ fn faces_around(mesh: &Mesh, rim: &BTreeMap<u32, Vec<u32>>) -> BTreeMap<u32, Vec
     around
 }
 
-/// Fits a quadratic height function z(x, y) to points, and returns its curvature along the x axis. Returns `None` if the points do not
-/// determine the function.
+/// Fits a quadratic height function z(x, y) to points, and returns the curvature of the function along the x axis. Returns `None` if the
+/// points do not determine the function.
 fn curvature_across(places: &[[f64; 3]]) -> Option<f64> {
     let reach_sq = places.iter().map(|[x, y, _]| x * x + y * y).sum::<f64>() / places.len() as f64;
     let reach = reach_sq.sqrt();

@@ -107,8 +107,8 @@ pub struct Evaluator {
     ignores_disk: bool,
     /// The fraction (0 to 1) of cached results that is computed again and compared with the cache.
     verified_fraction: f64,
-    /// The keys of the results that were computed since the last evaluation ended, if cached results are verified. These are not verified
-    /// again.
+    /// If cached results are verified: the keys of the results that were computed since the last evaluation ended. A result with one of
+    /// these keys is not verified again.
     verified: Mutex<HashSet<Hash>>,
 }
 
@@ -147,11 +147,11 @@ pub struct Evaluation {
     nodes: Arc<[GraphNode]>,
     wanted: Arc<[bool]>,
     snapshot: Arc<Snapshot>,
-    /// The events of all nodes that had to be visited (because something changed), in the order of the graph.
+    /// The events of all nodes that had to be visited because they or their dependencies have changed, in the order of the graph.
     events: Vec<NodeEvent>,
     /// The values of the requested nodes, sorted by the index of the node.
     values: Vec<(usize, Values)>,
-    /// The time spent reading the files of nodes, in seconds, summed over all threads.
+    /// The time spent reading the input files of nodes, in seconds, summed over all threads.
     files: f64,
 }
 
@@ -188,7 +188,7 @@ impl Evaluation {
         }
     }
 
-    /// Returns the time spent reading the files of nodes, in seconds, summed over all threads.
+    /// Returns the time spent reading the input files of nodes, in seconds, summed over all threads.
     pub fn seconds_of_files(&self) -> f64 {
         self.files
     }
@@ -233,7 +233,8 @@ impl Evaluation {
         })
     }
 
-    /// Returns the value of the output with index `output` of the node with index `node`, if the value was requested and computed.
+    /// Returns the value of the output with index `output` of the node with index `node`. Returns `None` if the value was not requested or
+    /// not computed.
     pub fn value(&self, node: usize, output: usize) -> Option<&AnyValue> {
         let place = self.values.binary_search_by_key(&node, |(node, _)| *node).ok()?;
         self.values[place].1.get(output)
@@ -405,8 +406,9 @@ impl Evaluator {
         self.cache.set_limit(memory);
     }
 
-    /// Sets whether new results are written to disk. Results that are already on disk are used in any case. If `keep` becomes true again,
-    /// the next evaluation also writes results that were computed in between, if they are still the last results of their nodes.
+    /// Sets whether new results are written to disk. Results that are already on disk are used in any case. When writing is turned on
+    /// again, the next evaluation also writes results that were computed in the meantime, if they are still the last results of their
+    /// nodes.
     pub(crate) fn set_keeping_on_disk(&mut self, keep: bool) {
         self.writes_to_disk = keep;
     }
@@ -499,7 +501,7 @@ impl Evaluator {
         Evaluation { nodes, wanted, snapshot: found, events, values, files }
     }
 
-    /// Returns the disk cache, or `None` if this evaluation must not use it.
+    /// Returns the disk cache if this evaluation may use results from it, otherwise `None`.
     fn known_results(&self) -> Option<&Arc<Disk>> {
         self.disk.as_ref().filter(|_| !self.ignores_disk)
     }
@@ -510,7 +512,7 @@ impl Evaluator {
         if self.last.as_ref().is_some_and(|last| last.graph == *name) {
             return;
         }
-        // Keep results of another graph: they stay valid and may be reused.
+        // Add to `files` instead of clearing it: facts about files that other graphs read stay valid and may be reused.
         if let Some((snapshot, files)) = self.known_results().and_then(|disk| disk.snapshot(name)) {
             self.last = Some(Arc::new(snapshot));
             self.files.extend(files);
@@ -550,7 +552,7 @@ impl Prediction {
         Some(self.0.get(node)?.outcome.outputs.get(output)?.1)
     }
 
-    /// Returns the hashes of the files that a node has read, like [`Evaluation::files_read_by`].
+    /// Returns the hashes of the files that a node has read, in the order of the node's file parameters. A missing file is `None`.
     pub(crate) fn files_read_by(&self, node: usize) -> &[Option<Hash>] {
         self.0.get(node).map_or(&[], |done| &done.parts.files)
     }

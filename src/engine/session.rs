@@ -56,7 +56,7 @@ pub struct Session {
     evaluator: Evaluator,
     /// The maximum size of the results in memory, in bytes.
     memory: usize,
-    /// The reason why results are not written to disk although the settings ask for it.
+    /// The reason why results are not written to disk although the settings ask for it; `None` if nothing prevents writing.
     disk_warning: Option<String>,
     /// The last known number of elements of each `ForEach` loop over data, by graph file.
     known_counts: elements::KnownCounts,
@@ -91,8 +91,8 @@ pub enum Targets {
     OutputsAnd(Vec<String>),
     /// Only the listed values: outputs of the graph, nodes (`node`) or outputs of nodes (`node.output`).
     Named(Vec<String>),
-    /// All outputs of the listed nodes. If a name belongs to a node that uses another graph, the nodes that compute its outputs are meant.
-    /// If a name belongs to a node and to an output of the graph, the node is meant.
+    /// All outputs of the listed nodes. A node that uses another graph stands for the nodes inside of that graph that compute its outputs.
+    /// If a node and an output of the graph have the same name, the node is meant.
     Nodes(Vec<String>),
     /// All outputs of every node.
     Everything,
@@ -102,7 +102,7 @@ impl Session {
     /// Creates a session with the given packs. The settings affect speed and memory but not the results.
     ///
     /// # Errors
-    /// If the threads cannot be started, or the folder for results that the settings name cannot be used.
+    /// If the threads cannot be started, or if the folder that the settings name for results cannot be used.
     pub fn new(packs: &[&Pack], settings: &Settings) -> Result<Self, SessionError> {
         Self::with_catalog(Arc::new(Catalog::new(packs)), settings)
     }
@@ -110,7 +110,7 @@ impl Session {
     /// Creates a session with a catalog that other sessions may share.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// The same errors as [`new`](Self::new).
     pub fn with_catalog(catalog: Arc<Catalog>, settings: &Settings) -> Result<Self, SessionError> {
         let threads = start_threads(settings.threads);
         let threads = threads.map_err(|error| SessionError(error.to_string()))?;
@@ -120,7 +120,7 @@ impl Session {
     /// Creates a session that runs on a pool of threads, which other sessions may share. [`Settings::threads`] is ignored.
     ///
     /// # Errors
-    /// If the folder for results that the settings name cannot be used.
+    /// If the folder that the settings name for results cannot be used.
     pub fn with_threads(
         threads: Arc<rayon::ThreadPool>,
         catalog: Arc<Catalog>,
@@ -170,8 +170,8 @@ impl Session {
     /// Evaluates a graph. If a node fails, only the nodes that depend on it fail, too: see [`RunResult::diagnostics`].
     ///
     /// # Errors
-    /// If the value of an input has a wrong type, or a requested name does not exist. Then at most the nodes have run that determine the
-    /// numbers of loop elements.
+    /// If the value of an input has a wrong type, or if a requested name does not exist. In both cases, the only nodes that may have run
+    /// are those that determine how many elements each loop has.
     pub fn run(&mut self, graph: &Graph, run: &Run<'_>) -> Result<RunResult, Vec<Diagnostic>> {
         let graph = self.bind_inputs(graph, &run.inputs)?;
         let wanted = |graph: &Graph| elements::wanted_nodes(graph, &run.targets);
@@ -208,8 +208,8 @@ impl Session {
         Ok(RunResult { graph, evaluation, violations })
     }
 
-    /// Evaluates the outputs `only` of a graph and writes them to a folder. An empty list stands for all outputs. If a file already has the
-    /// right bytes, it is not written, and its value is not computed.
+    /// Evaluates the outputs `only` of a graph and writes them to a folder. An empty list stands for all outputs. A file that already has
+    /// the right bytes is not written, and the value for it is not computed.
     ///
     /// # Errors
     /// A message if one of the names is not an output of the graph.
@@ -248,7 +248,7 @@ impl Session {
         let (mut verdicts, open) = self.open_expectations(graph, &expected);
         let evaluator = &mut self.evaluator;
         let mut values = match evaluator.is_verifying() {
-            // When cached results are verified, even known files may turn out to be wrong, so evaluate all outputs.
+            // Evaluate all outputs: if cached results are verified, even an output file that is known may turn out to be wrong.
             true => outputs.iter().map(|output| output.node).collect(),
             false => folder.nodes_to_write(&outputs, graph, &self.catalog, evaluator),
         };
@@ -291,7 +291,7 @@ impl Session {
         (result.files, result.diagnostics)
     }
 
-    /// Loads the record of the files in an output folder, which an earlier process has stored.
+    /// Loads the record that an earlier process has stored about the files in an output folder.
     pub fn recall(&self, folder: &OutputFolder) {
         folder.recall(&self.evaluator);
     }
@@ -317,12 +317,12 @@ impl Session {
         self.evaluator.install(work)
     }
 
-    /// Returns the note (some bytes) that this build of the program has stored about a file or folder.
+    /// Returns the note (some bytes) that this build of the program has stored about a file or folder; `None` if there is no note.
     pub fn note(&self, of: &Path) -> Option<Vec<u8>> {
         self.evaluator.disk()?.note(of)
     }
 
-    /// Stores a note (some bytes) about a file or folder, if the session has a disk cache.
+    /// Stores a note (some bytes) about a file or folder. Does nothing if the session has no disk cache.
     pub fn keep_note(&self, of: &Path, note: impl FnOnce() -> Vec<u8>) {
         if let Some(disk) = self.evaluator.disk() {
             disk.keep_note(of, note(), Vec::new());
@@ -365,17 +365,17 @@ impl Session {
         self.evaluator.forget();
     }
 
-    /// Returns the reason why results are not written to disk although the settings ask for it, or `None`.
+    /// Returns the reason why results are not written to disk although the settings ask for it; `None` if nothing prevents writing.
     pub fn disk_warning(&self) -> Option<&str> {
         self.disk_warning.as_deref().or_else(|| self.write_error())
     }
 
-    /// Returns the first error of writing results to disk, or `None`.
+    /// Returns the first error that occurred when a result was written to disk; `None` if there was no error.
     pub(crate) fn write_error(&self) -> Option<&str> {
         self.evaluator.disk().and_then(Disk::write_error)
     }
 
-    /// Returns the first error of the server with which results are shared, or `None`: see [`Disk::with_server`].
+    /// Returns the first error of the server with which results are shared; `None` if there was no error. See [`Disk::with_server`].
     pub fn server_error(&self) -> Option<&str> {
         self.evaluator.disk().and_then(Disk::server_error)
     }
@@ -415,8 +415,8 @@ impl Session {
     }
 }
 
-/// Returns the key of the note that stores which graph wrote to `folder`. The key contains an `@`, so it differs from the path of any
-/// output.
+/// Returns the key of the note that stores which graph wrote to `folder`; `None` if the folder does not exist. The key contains an `@`, so
+/// it differs from the path of any output.
 fn graph_note(folder: &Path) -> Option<PathBuf> {
     Some(std::fs::canonicalize(folder).ok()?.join("@graph"))
 }
@@ -462,7 +462,8 @@ pub(crate) fn outputs_of<'g>(
         .collect()
 }
 
-/// Returns the results of `find` for all given names, in one list.
+/// Calls `find` for each name and returns all node indices that it finds, in one list. A name for which `find` returns no index is an
+/// error.
 fn nodes_named(
     graph: &Graph,
     names: &[String],

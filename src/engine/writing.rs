@@ -97,8 +97,8 @@ impl<'a> Destination<'a> {
         Ok(write_whole(path, bytes)?)
     }
 
-    /// Writes `len` bytes by calling `fill`, and also returns the result of `fill`. The bytes go to a new file, or to a recycled file (an
-    /// earlier version) that is overwritten. `fill` then receives what is known about the content of that file.
+    /// Writes `len` bytes by calling `fill`, and also returns the result of `fill`. The bytes go to a new file, or they overwrite a
+    /// recycled file (an earlier version). For a recycled file, `fill` receives what is known about the content.
     pub(crate) fn write_again<S, T>(
         &self,
         path: &Path,
@@ -117,7 +117,8 @@ impl<'a> Destination<'a> {
         Ok(write_whole(path, bytes).map(|_| ())?)
     }
 
-    /// Writes several files. If one of them must not be written, none is written. The error names the file that caused it.
+    /// Writes several files. If one of them must not be written, none is written. The error contains the path of the file that could not be
+    /// written.
     pub fn put_all(&self, files: &[(PathBuf, Vec<u8>)]) -> Result<(), (PathBuf, WriteError)> {
         for (path, _) in files {
             self.check(path).map_err(|error| (path.clone(), error))?;
@@ -146,7 +147,7 @@ impl<'a> Destination<'a> {
         Ok(remove(path)?)
     }
 
-    /// Removes unfinished files that killed processes left in a folder, if files may be written there.
+    /// Removes unfinished files that killed processes left in a folder. Does nothing if this destination does not allow the folder.
     pub fn sweep(&self, folder: &Path) {
         if self.check_folder(folder).is_ok() {
             sweep(folder);
@@ -370,7 +371,7 @@ fn write_by<S, T>(
         let result = fill(file.as_file_mut(), holds.as_ref())?;
         large::mark(file.as_file(), len)?;
         let written = file.as_file().metadata()?;
-        // Keep the file locked while it is moved.
+        // Keep the temporary file locked while it is moved to `path`.
         let (file, spare) = match there.take() {
             Some((stamp, holds)) => match RecycledFile::exchange(file, path, stamp, holds) {
                 Ok(moved) => moved,
@@ -394,8 +395,8 @@ fn persist(file: NamedTempFile, path: &Path, len: usize) -> io::Result<File> {
     Ok(file)
 }
 
-/// Calls `does`, and again if it fails because a file or folder was removed. The argument of `does` is false at the first attempt. Another
-/// process may clear the cache or a folder at any time; after a hundred attempts there must be another cause.
+/// Calls `does`, and calls it again if it fails because a file or folder was removed, which another process may do at any time. Gives up
+/// after a hundred attempts, because the error must then have another cause. The argument of `does` is false at the first attempt.
 pub(crate) fn retry_if_removed<T>(mut does: impl FnMut(bool) -> io::Result<T>) -> io::Result<T> {
     const TRIES: usize = 100;
     let mut result = does(false);
@@ -408,8 +409,8 @@ pub(crate) fn retry_if_removed<T>(mut does: impl FnMut(bool) -> io::Result<T>) -
     result
 }
 
-/// Returns true if the error may mean that a file or folder was removed. If a folder is removed while it is being created, the error can be
-/// that it already exists.
+/// Returns true if the error may mean that a file or folder was removed. One such error is "already exists", which can occur if a folder is
+/// removed while this process creates it.
 fn is_gone(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::AlreadyExists)
 }

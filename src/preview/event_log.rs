@@ -10,8 +10,8 @@ use tokio::sync::watch;
 
 use super::lock_ignoring_poison;
 
-/// The maximum number of messages in the log, and their maximum total size in bytes. A page that misses messages for this reason gets the
-/// complete state again.
+/// The maximum number of messages in the log, and their maximum total size in bytes. A page that misses messages because of these limits
+/// gets the complete state again.
 const MAX_BEHIND: usize = 1024;
 const MAX_BEHIND_BYTES: usize = 8 << 20;
 

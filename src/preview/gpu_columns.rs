@@ -38,11 +38,11 @@ pub struct ViewedValue {
     pub value: AnyValue,
     /// The picture that represents the value; `None` if the value is not shown as a picture.
     pub picture: Option<Picture>,
-    /// The background picture on which `picture` is drawn.
+    /// The background picture on which `picture` is drawn; `None` for no background.
     pub(crate) ground: Option<OwnedBackdrop>,
     /// The description of the value that pages receive.
     pub(super) about: Json,
-    /// The properties that nodes require of the value (`required`), and those of them that it lacks (`broken`).
+    /// The properties that nodes require of the value (`required`), and those required properties that the value lacks (`broken`).
     pub required: Vec<Requirement>,
     broken: Vec<UnmetRequirement>,
     columns: HashMap<String, Content>,

@@ -16,7 +16,8 @@ pub struct Location {
 }
 
 impl PageState {
-    /// Returns the location in the graph file of the node whose box in the diagram has this name, if pages show such a box.
+    /// Returns the location of a node in the graph file, given the name of the node's box in the diagram. Returns `None` if pages show no
+    /// box with this name.
     pub(super) fn box_location(&self, name: &str) -> Option<Location> {
         let text = lock_ignoring_poison(&self.feed).graph.clone()?;
         let graph: Json = serde_json::from_str(&text).ok()?;
@@ -24,8 +25,8 @@ impl PageState {
         Location::deserialize(boxes.find(|item| item["name"] == name)?).ok()
     }
 
-    /// Returns true if a current diagnostic, its note, or a use of a graph that leads to it is at this location. A page may open only these
-    /// locations and those of boxes.
+    /// Returns true if this is the location of a current diagnostic, of its note, or of a use of a graph that leads to the diagnostic.
+    /// Apart from the locations of boxes, a page may open only these locations.
     pub(super) fn has_problem_at(&self, place: &Location) -> bool {
         let text = lock_ignoring_poison(&self.feed).problems.clone();
         let event = text.and_then(|text| serde_json::from_str::<Json>(&text).ok());

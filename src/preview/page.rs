@@ -22,7 +22,7 @@ use crate::locks::lock_ignoring_poison;
 use crate::saved_address::Redirect;
 use crate::{pixel_probe, server};
 
-/// The live page. It is served until the program ends.
+/// The live page of a watch, with its server. The server runs until the program ends.
 pub struct Page {
     pub(crate) shared: Arc<PageState>,
     pub(crate) keeper: Option<Keeper>,
@@ -123,7 +123,7 @@ impl Values {
         let gone = self.current.extract_if(.., |viewed, _| !views.contains(viewed));
         let gone: Vec<_> = gone.map(|(_, shown)| shown).collect();
         if views.is_empty() {
-            // No page shows an output, so no page has old columns for which changes would be enough.
+            // Drop all previous values. No page shows an output, so no page has an old column to which changes could be applied.
             return self.previous.clear();
         }
         self.keep(gone);
@@ -143,13 +143,13 @@ impl Values {
     }
 }
 
-/// The current state as messages. A page that connects receives them in the order of the fields.
+/// The current state of the watch, as messages. A page receives these messages when it connects, in the order of the fields.
 #[derive(Default)]
 pub struct Feed {
     pub(crate) hello: Option<Arc<str>>,
     pub(crate) graph: Option<Arc<str>>,
     pub(crate) problems: Option<Arc<str>>,
-    /// The message about the end of the last run.
+    /// The message about the end of the last run; `None` if no run has ended yet.
     pub(crate) done: Option<Arc<str>>,
     /// The message about the beginning of the current run.
     pub(crate) run: Option<Arc<str>>,
@@ -290,13 +290,14 @@ impl PageState {
         }
     }
 
-    /// Returns the value with this hash, if a page shows it or it is kept from earlier.
+    /// Returns the value with this hash, or `None` if no page shows the value and it is no longer kept.
     pub(crate) fn value(&self, hash: &str) -> Option<Arc<ViewedValue>> {
         let values = lock_ignoring_poison(&self.values);
         values.values().find(|shown| shown.value.hash().to_string() == hash).cloned()
     }
 
-    /// Returns the content of the column with this name, from a value that a page shows or that is kept from earlier.
+    /// Returns the content of the column with this name. Returns `None` if neither a value that a page shows nor a value that is still kept
+    /// has the column.
     pub(crate) fn column(&self, name: &str) -> Option<Content> {
         let values = lock_ignoring_poison(&self.values);
         values.values().find_map(|shown| shown.column(name).cloned())

@@ -15,8 +15,8 @@ const DEFAULT_RADIUS: f64 = 0.01;
 pub struct PickRay {
     origin: [f64; 3],
     direction: [f64; 3],
-    /// The maximum distance of a picked point from the ray, as a fraction of the point's distance from the eye. `None` stands for the
-    /// default.
+    /// The maximum distance of a picked point from the ray, as a fraction of the point's distance from the eye. `None` stands for
+    /// `DEFAULT_RADIUS`.
     radius: Option<f64>,
 }
 
@@ -36,7 +36,8 @@ struct Hit<'a> {
     vertex: (usize, Point3<f64>),
     axes: Axes,
     face: Option<u32>,
-    /// The visible color at the hit. If it comes from a texture, also the pixel of the texture.
+    /// The visible color at the hit, or `None` if the element has no color. If the color comes from a texture, also the pixel of the
+    /// texture.
     color: Option<(Rgb, Option<[usize; 2]>)>,
     /// The attributes at the hit, for each kind of element: the name of the kind, its attributes, and the index of the element.
     attributes: Vec<(&'static str, &'a Attributes, usize)>,
@@ -52,8 +53,8 @@ impl Pickable {
         Self { axes, layers, trees }
     }
 
-    /// Describes the first face that the ray hits. If it hits none, describes the point, line or arrow nearest to the ray. Returns `None`
-    /// if all of them are too far from the ray.
+    /// Describes the first face that the ray hits. If the ray hits no face, describes the point, line or arrow nearest to the ray. Returns
+    /// `None` if all of them are too far from the ray.
     pub(super) fn pick(&self, sight: &PickRay) -> Option<Json> {
         let numbers = sight.origin.iter().chain(&sight.direction).chain(&sight.radius);
         if !numbers.into_iter().all(|number| number.is_finite()) {
@@ -112,7 +113,8 @@ impl Pickable {
         })
     }
 
-    /// Returns the point, end of a line segment or end of an arrow that has the smallest angle to the ray.
+    /// Returns the point, end of a line segment or end of an arrow that has the smallest angle to the ray. Returns `None` if all are too
+    /// far from the ray.
     fn point(&self, sight: &PickRay) -> Option<Hit<'_>> {
         let mut best: Option<(f64, Hit<'_>)> = None;
         for layer in &self.layers {
@@ -184,8 +186,9 @@ impl Cone {
         is_one.then_some(Self { origin, direction, radius })
     }
 
-    /// Finds the position with the smallest angle to the ray. If several positions have that angle, returns the first. Returns the tangent
-    /// of the angle (the distance from the ray divided by the distance along the ray), and the position with its index.
+    /// Finds the position with the smallest angle to the ray, or the first of several such positions. Returns the tangent of the angle (the
+    /// distance from the ray divided by the distance along the ray), and the position with its index. Returns `None` if no position is
+    /// inside of the cone.
     fn nearest(
         &self,
         places: impl Iterator<Item = (usize, Point3<f64>)>,
@@ -212,8 +215,9 @@ fn axes_of_mesh(mesh: &Mesh) -> Axes {
     if mesh.frame().is_some() { Axes::Sensor } else { Axes::Upright }
 }
 
-/// Returns the color of a mesh where a ray hits it, as `maquette render` draws it. This is the color of the texture, or without a texture,
-/// the color of the nearest corner or vertex.
+/// Returns the color of a mesh where a ray hits it, as `maquette render` draws it. This is the color of the texture, otherwise of the
+/// nearest corner or vertex, otherwise of the material. Returns `None` if the mesh has none of these. For a texture, also returns the
+/// pixel.
 fn color_at(
     mesh: &Mesh,
     hit: &RayHit,

@@ -1,8 +1,8 @@
 //! Saves the port and token of the live page from one watch of a graph to the next. So the URL stays the same, and an open page reconnects
 //! to the next watch.
 //!
-//! They are saved in the user's private folder for program state, and not with the cached results, which may be deleted or shared. If they
-//! cannot be saved, the next watch has another URL.
+//! The port and token are saved in the user's private folder for program state. They are not saved with the cached results, which may be
+//! deleted or shared. If they cannot be saved, the next watch has another URL.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -30,7 +30,7 @@ pub struct Keeper {
 /// A file that redirects a browser to the live page. The file is removed when this is dropped.
 pub struct Redirect(PathBuf);
 
-/// The age at which redirect files of killed watches are removed. By then the browser has read them.
+/// The age at which redirect files of killed watches are removed. By then, the browser that was opened with such a file has read it.
 const REDIRECT_LIFETIME: Duration = Duration::from_secs(3600);
 
 impl SavedAddress {
@@ -110,7 +110,7 @@ impl Drop for Redirect {
     }
 }
 
-/// Returns the folder in which ports and tokens are saved.
+/// Returns the folder in which ports and tokens are saved, or `None` if the system has no folder for program state.
 fn folder() -> Option<PathBuf> {
     fn variable(name: &str) -> Option<PathBuf> {
         std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from)

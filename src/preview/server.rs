@@ -328,7 +328,7 @@ async fn serve(
     }
 }
 
-/// A message from a page. Unknown messages are ignored, because a newer page may send them.
+/// A message from a page. Messages of unknown kinds are ignored, because a page of a newer version may send them.
 #[derive(Deserialize)]
 #[serde(tag = "ask", rename_all = "lowercase")]
 enum ClientMessage {

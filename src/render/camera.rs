@@ -11,10 +11,10 @@ use super::{Aim, Projection, SAMPLES, View};
 /// The number of steps into which a sample is divided. Projected vertices are rounded to these steps (the "parts of samples").
 pub(super) const PARTS: i32 = 16;
 
-/// The tangent of half the angle of view along the shorter side of the picture. Half the angle is 13 degrees, as for a portrait lens.
+/// The tangent of 13 degrees, half the angle of view along the shorter side of the picture. Portrait lenses have a similar angle.
 const LENS: f64 = 0.230_868_191_125_563_1;
 
-/// The fraction of the width or height of the picture that the meshes fill.
+/// The fraction of the picture that the meshes fill, along the side of the picture that limits their size.
 const FILLED_FRACTION: f64 = 0.92;
 
 /// The minimum distance from the viewer to the scene, in units of view space.
@@ -45,14 +45,15 @@ pub(super) struct Camera {
     aim: Vector3<f64>,
     /// The distance from the viewer to `aim`; `None` without perspective.
     distance: Option<f64>,
-    /// The scale, in parts of samples per unit of view space. With perspective, per unit of the tangent of the viewing angle.
+    /// The scale of the projection, in parts of samples. Without perspective it is per unit of view space; with perspective, per unit of
+    /// the tangent of the angle from the viewing direction.
     scale: f64,
     /// The middle of the picture, in parts of samples.
     middle: [f64; 2],
 }
 
 impl Camera {
-    /// Creates the camera for a view. Its coordinate axes are those of the first mesh.
+    /// Creates the camera for a view. The camera has the coordinate axes of the first mesh.
     pub(super) fn new(meshes: &[&Mesh], view: &View) -> Self {
         let (low, high) = bounds(points_of(meshes)).unwrap_or_default();
         let half = high.coords / 2.0 - low.coords / 2.0;
@@ -100,8 +101,8 @@ impl Camera {
         }
     }
 
-    /// Aims at another target. If it is a point, the scale does not change. If it is a box, the box just fits into the picture. For a box
-    /// the camera gets a longer lens instead of moving nearer, so that nothing is behind the viewer.
+    /// Aims at a point or a box. For a point, the scale does not change. For a box, the scale changes so that the box just fits into the
+    /// picture; the camera does not move nearer, so nothing gets behind the viewer.
     fn aim_at(&mut self, aim: &Aim, meshes: &[&Mesh], zoom: f64) {
         let [low, high] = match *aim {
             Aim::Point(point) => [point; 2],
@@ -128,7 +129,8 @@ impl Camera {
         }
     }
 
-    /// Returns the factor by which lengths are scaled at the depth `z` relative to the target. Without perspective it is 1.
+    /// Returns the factor by which the projection multiplies lengths, in addition to `scale`, at the depth `z` relative to the target. The
+    /// factor is 1 without perspective, and otherwise 1 divided by the distance from the viewer.
     fn magnification(&self, z: f64) -> f64 {
         self.distance.map_or(1.0, |distance| 1.0 / (distance - z))
     }
@@ -138,8 +140,9 @@ impl Camera {
         self.middle[0].min(self.middle[1])
     }
 
-    /// Returns the distance of a point from the target across the picture, and its z relative to the target. The distance is the larger of
-    /// the horizontal and vertical one, in units in which the part of the picture to be filled reaches to 1 along the shorter side.
+    /// Returns the distance of a point from the target in the plane of the picture, and the z of the point relative to the target. Returned
+    /// is the larger one of the horizontal and the vertical distance, after both are divided by `FILLED_FRACTION`, and the one along the
+    /// longer side of the picture also by the aspect ratio.
     fn reach(&self, view: Vector3<f64>) -> (f64, f64) {
         let [right, top] =
             self.middle.map(|middle| FILLED_FRACTION * middle / self.half_shorter_side());
@@ -168,8 +171,8 @@ impl Camera {
         ProjectedVertex { position, near: near as f32 }
     }
 
-    /// Returns true if interpolation must be weighted by nearness. With perspective, the nearer half of an edge takes up more than half of
-    /// its length in the picture.
+    /// Returns true if interpolation between vertices must be weighted by their nearness. With perspective, the nearer half of an edge
+    /// takes up more than half of the edge's length in the picture.
     pub(super) fn is_perspective(&self) -> bool {
         self.distance.is_some()
     }

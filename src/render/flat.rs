@@ -45,7 +45,7 @@ impl OwnedBackdrop {
     }
 }
 
-/// Returns the first flat picture among the layers.
+/// Returns the first flat picture among the layers, or `None` if no layer is a flat picture.
 pub fn picture_layer(layers: &[Layer]) -> Option<&Picture> {
     layers.iter().find_map(|layer| match layer {
         Layer::Picture(picture) => Some(picture),
@@ -148,7 +148,8 @@ pub fn fit_picture(picture: &Image, size: [usize; 2]) -> Image {
 struct Axis {
     /// The number of pixels along the axis before scaling.
     given: usize,
-    /// The number of pixels along the axis after scaling, and the index of the first of them in the new picture. Pixels outside are bars.
+    /// The number of pixels along the axis after scaling, and the index of the first of these pixels in the new picture. All other pixels
+    /// along the axis are bars.
     count: usize,
     first: usize,
 }

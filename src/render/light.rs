@@ -27,7 +27,8 @@ const TOWARDS: [[f32; 4]; 3] = [
     [0.6604, 0.6541, -0.8583, 0.9112],
 ];
 
-/// For each lamp, how far its light reaches beyond the shadow line, from 0 to 1. A large lamp gives a soft shadow.
+/// For each lamp, and last for the highlight: how far the light reaches beyond the shadow line, as the sine of an angle (0 to 1). A large
+/// lamp gives a soft shadow.
 const SOFTNESS: [f32; 4] = [0.05, 0.4, 0.0, 0.0];
 
 /// The strength of the highlight that the key light causes.

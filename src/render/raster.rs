@@ -22,7 +22,7 @@ const NONE: u32 = u32::MAX;
 /// The width of a tile, in pixels. The pixels of a tile are shaded together. A tile is as high as a band.
 const TILE: usize = 32;
 
-/// A bit mask of the samples of a pixel, row by row. This one contains all nine.
+/// The bit mask that contains all nine samples of a pixel. The bits of such masks are in the order of the samples, row by row.
 const ALL_SAMPLES: u16 = 0b111_111_111;
 
 /// The bit masks of the samples in the second and third column, and of those in the second and third row.
@@ -44,7 +44,7 @@ impl Bins {
         Self { chunks: chunks.map(|chunk| Self::sort_chunk(scene, height, chunk)).collect() }
     }
 
-    /// Finds for each band the triangles of one chunk that overlap it.
+    /// Finds, for each band, those triangles of one chunk that overlap the band.
     fn sort_chunk(scene: &Scene<'_>, height: usize, chunk: usize) -> Vec<Vec<u32>> {
         let mut bins = vec![vec![]; height.div_ceil(BAND)];
         for index in chunk * CHUNK..scene.len().min((chunk + 1) * CHUNK) {
@@ -105,8 +105,8 @@ impl Outline {
         [(low + parts - 1).div_euclid(parts).max(0), high.div_euclid(parts).min(count - 1)]
     }
 
-    /// Returns the barycentric coordinates of a position, multiplied by twice the area. Each is the edge function of the edge opposite to a
-    /// vertex.
+    /// Returns the barycentric coordinates of a position, multiplied by twice the area of the triangle. Each coordinate is the edge
+    /// function of the edge opposite to a vertex.
     fn weights(&self, at: [i64; 2]) -> [i64; 3] {
         array3(|k| edge(self.at[(k + 1) % 3], self.at[(k + 2) % 3], at))
     }
@@ -160,7 +160,7 @@ impl Band {
         let [left, right] = outline.samples(0, self.width as i64);
         let [top, bottom] = outline.samples(1, rows);
         let parts = i64::from(PARTS);
-        // The change of each weight from one column of samples to the next.
+        // The change of each barycentric coordinate (weight) from one column of samples to the next.
         let steps = array3(|k| {
             let (a, b) = (outline.at[(k + 1) % 3], outline.at[(k + 2) % 3]);
             (a[1] - b[1]) * parts
@@ -263,7 +263,7 @@ impl<F: Fn(usize) -> Light> Kernel for Pixels<'_, F> {
 /// A cache of recently shaded triangles. It is useful because neighboring pixels often show the same triangle.
 struct TriangleCache<'a> {
     scene: &'a Scene<'a>,
-    /// The cached triangles. The last five bits of a triangle's index are its position in the array.
+    /// The cached triangles. The position of a triangle in this array is given by the last five bits of its index in the scene.
     entries: [Option<ShadedTriangle<'a>>; 32],
 }
 
@@ -343,7 +343,7 @@ impl<'a> ShadedTriangle<'a> {
     /// Returns the light of the triangle at the mean position of some samples of a pixel. `samples` is a mask with one bit per sample.
     #[inline(always)]
     fn light(&self, pixel: [usize; 2], samples: u16) -> Light {
-        // Barycentric coordinates are linear in the position. So their sum over the samples follows from the sum of the samples' positions.
+        // Barycentric coordinates are linear in the position. So compute their sum over all samples from the sum of the samples' positions.
         let count = samples.count_ones();
         #[inline(always)]
         fn sum_of_positions(k: usize, samples: u16, count: u32, pixel: [usize; 2]) -> f64 {
@@ -368,8 +368,8 @@ impl<'a> ShadedTriangle<'a> {
     }
 }
 
-/// Returns the first and the last step, from 0 to `max_step`, at which every weight is at least its minimum. Returns `None` if there is
-/// none.
+/// Returns the first and the last step, from 0 to `max_step`, at which each weight is at least as large as its minimum. Returns `None` if
+/// there is no such step.
 fn span(
     weights: [i64; 3],
     steps: [i64; 3],

@@ -20,7 +20,8 @@ pub(super) const FLAT: f32 = 0.642_787_6;
 /// The corners, triangles and vertices of all meshes in a picture, mesh after mesh.
 pub(super) struct Scene<'a> {
     corners: Cow<'a, [u32]>,
-    /// The three corners of each triangle, as indices into `corners`. `None` if all faces are triangles.
+    /// The three corners of each triangle, as indices into `corners`. `None` if all faces are triangles, so that triangle k has the corners
+    /// 3k to 3k + 2.
     triangles: Option<Vec<[u32; 3]>>,
     pub(super) projected: Vec<ProjectedVertex>,
     /// The position of each vertex in view space.
@@ -195,7 +196,7 @@ impl Triangle {
 
 /// A triangle with the data that is needed to shade it.
 pub(super) struct Facet<'a> {
-    /// The nearness of each corner of the triangle to the viewer. `None` without perspective.
+    /// The nearness of each corner of the triangle to the viewer. `None` if the picture has no perspective.
     nears: Option<[f64; 4]>,
     flat: Option<[f32; 4]>,
     /// The normals at the corners of the triangle.
@@ -231,7 +232,7 @@ impl Facet<'_> {
         light::lit(color, normal)
     }
 
-    /// Converts barycentric coordinates in the picture to barycentric coordinates in space. They differ with perspective.
+    /// Converts barycentric coordinates in the picture to barycentric coordinates in space. The two differ if the picture has perspective.
     #[inline(always)]
     fn in_space(&self, barycentric: [f64; 4]) -> [f64; 4] {
         let Some(nears) = self.nears else { return barycentric };

@@ -55,9 +55,9 @@ pub struct Shape {
     pub positions: Column<[f32; 3]>,
     /// The normals, packed: three signed numbers of ten bits, from the lowest bit. -511 to 511 stand for -1 to 1.
     pub normals: Column<u32>,
-    /// The colors: red, green and blue in sRGB, and 255.
+    /// The colors: red, green and blue in sRGB, and 255. `None` if the mesh has no colors.
     pub colors: Option<Column<[u8; 4]>>,
-    /// The texture coordinates. (0, 0) is the lower left corner of the texture.
+    /// The texture coordinates. (0, 0) is the lower left corner of the texture. `None` if the mesh has no texture coordinates.
     pub uv: Option<Column<[f32; 2]>>,
     pub triangles: Column<[u32; 3]>,
     /// The runs of triangles with the same texture: the length of each run, and the index of the material with that texture. Empty if all
@@ -66,7 +66,7 @@ pub struct Shape {
     pub fields: Arc<[Field]>,
     /// The vertex of the mesh that each display vertex shows.
     origins: Column<u32>,
-    /// The normals at the vertices of the mesh, if they were computed from its faces.
+    /// The normals at the vertices of the mesh, if they were computed from the faces. `None` if the mesh contains normals.
     computed: Option<Column<[f32; 3]>>,
     leaning: Vec<Leaning>,
     /// True if a vertex of the mesh may become several display vertices, because the data at its corners differ.
@@ -86,8 +86,8 @@ struct Leaning {
 }
 
 impl Shapes {
-    /// Builds the shapes of some layers. Returns `None` if no layer is in 3D space. `before` are the shapes shown previously. Where
-    /// possible, a shape is updated from the one at the same position in `before`.
+    /// Builds the shapes of some layers. Returns `None` if no layer is in 3D space. `before` contains the shapes shown previously. Where
+    /// possible, a shape is updated from the shape with the same index in `before`.
     pub fn from_layers(layers: &[Layer], before: &[Arc<Shape>]) -> Option<Self> {
         let (meshes, axes) = meshes_of(layers, None);
         let bounds = meshes.iter().filter_map(|(mesh, _)| mesh.cached_bounds());
@@ -192,7 +192,7 @@ impl Shape {
         self.origins.size() + computed + size_of_val(&self.leaning[..])
     }
 
-    /// Returns the first material of the shape that has a visible texture.
+    /// Returns the first material of the shape that has a visible texture, or `None` if no material has one.
     pub fn textured_material(&self) -> Option<&Material> {
         self.materials()
             .iter()
@@ -220,7 +220,7 @@ impl Shape {
         self.mesh.vertex().pairs("uv").is_some()
     }
 
-    /// Returns the surface parameters (u, v) of each display vertex.
+    /// Returns the surface parameters (u, v) of each display vertex, or `None` if the mesh has no surface parameters.
     pub fn parameters(&self) -> Option<Vec<[f32; 2]>> {
         let uv = self.mesh.vertex().pairs("uv")?;
         Some(self.origins.iter().map(|&vertex| uv[vertex as usize].map(|x| x as f32)).collect())
@@ -232,8 +232,9 @@ fn list<T: Send>(count: usize, item: impl Fn(usize) -> T + Copy + Send + Sync) -
     (0..count).into_par_iter().with_min_len(CHUNK).map(item).collect()
 }
 
-/// Merges the corners at each vertex that have the same key into one display vertex. Vertices without corners are left out. Returns the
-/// display vertex of each corner, and the first corner of each display vertex.
+/// Merges corners of faces into display vertices. Corners become one display vertex if they are at the same mesh vertex and have equal
+/// keys. Mesh vertices without corners are left out. Returns the display vertex of each corner, and the first corner of each display
+/// vertex.
 fn weld<K: PartialEq>(
     corners: &[u32],
     vertices: usize,
@@ -290,7 +291,7 @@ impl<'a> Triangulation<'a> {
         }
     }
 
-    /// Returns the number of triangles per face, or 0 if it differs between faces.
+    /// Returns the number of triangles into which each face is divided, or 0 if this number differs between faces.
     fn of_face(&self) -> usize {
         self.mesh.faces().sides().map_or(0, |sides| sides - 2)
     }
@@ -315,8 +316,8 @@ impl<'a> Triangulation<'a> {
     }
 }
 
-/// The display vertices that belong only to leaning triangles. They are stored after the shared display vertices. Some capacity is
-/// reserved, so that other data does not move when their number changes a little.
+/// The display vertices that belong only to leaning triangles. They are stored after the shared display vertices. Some spare capacity is
+/// reserved, so that other data does not move when the number of these vertices changes a little.
 struct SeparateVertices {
     /// The number of display vertices that triangles share.
     count: usize,
@@ -409,7 +410,7 @@ impl<'a> Normals<'a> {
     }
 
     /// Finds the corners of a triangle at which the computed vertex normal deviates too much from the triangle's normal. Returns `None` if
-    /// there are none.
+    /// the triangle has no such corner.
     fn find_leaning(
         &self,
         mesh: &Mesh,

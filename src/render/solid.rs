@@ -14,7 +14,8 @@ const POINT: f64 = 0.004;
 const FEW_POINTS: f64 = 0.012;
 const HEAD: f64 = 0.03;
 
-/// The radius of the small balls in the middle of marked edges, as a fraction of the diagonal. They make even the shortest edge visible.
+/// The radius of the small balls in the middle of marked edges, as a fraction of the diagonal of the scene. The balls make even the
+/// shortest edge visible.
 const BEAD: f64 = 0.005;
 
 /// The color of marked elements. Nothing else has this color.
@@ -41,9 +42,9 @@ pub fn render_layers(layers: &[Layer], view: &View) -> Option<Image> {
     (!meshes.is_empty()).then(|| super::render_all(&meshes, &view))
 }
 
-/// Returns the meshes of some layers, and one more mesh with solids for everything else in 3D space. A flag is true for the mesh of solids.
-/// Also returns the coordinate axes of the value: those of the faces, or of the first layer if there are no faces. Solids have the same
-/// axes; but if there are no faces, they have the axes `alone`.
+/// Returns the meshes of some layers, and one more mesh with solids for everything else in 3D space. Each mesh comes with a flag, which is
+/// true for the mesh of solids. Also returns the coordinate axes of the value: those of the faces, or of the first layer if there are no
+/// faces. Solids have these axes, too; but if there are no faces and `alone` is given, they have the axes `alone`.
 pub(super) fn meshes_of(layers: &[Layer], alone: Option<Axes>) -> (Vec<(Mesh, bool)>, Axes) {
     let mut faces_first =
         layers.iter().filter(|layer| matches!(layer, Layer::Triangles(_))).chain(layers);
@@ -59,7 +60,7 @@ pub(super) fn meshes_of(layers: &[Layer], alone: Option<Axes>) -> (Vec<(Mesh, bo
     (faces.chain(solids.map(|mesh| (mesh, true))).collect(), axes)
 }
 
-/// Converts the target of a view from the given axes to upright axes.
+/// Converts the target of a view from the given axes to upright axes. Returns `None` if the view has no target.
 fn aim(view: &View, axes: Axes) -> Option<Aim> {
     view.aim.map(|aim| match aim {
         Aim::Point(position) => Aim::Point(axes.convert(position, Axes::Upright)),
@@ -151,8 +152,8 @@ impl Solids {
         self.lines.extend(frame);
     }
 
-    /// Returns the size of points, as a fraction of the diagonal of the scene. It is larger if there are few points, and small for points
-    /// on lines.
+    /// Returns the size of points, as a fraction of the diagonal of the scene. The size is larger if there are few points, and `POINT` if
+    /// there are also lines.
     fn point_size(&self) -> f64 {
         let count = self.points.len() + self.arrows.len();
         if self.lines.is_empty() {
@@ -162,8 +163,8 @@ impl Solids {
         }
     }
 
-    /// Builds one mesh of all solids. Their sizes are relative to the scene, which includes `faces`. Returns `None` if there are no solids,
-    /// or if a number overflows.
+    /// Builds one mesh of all solids. The sizes of the solids are relative to the scene, which includes `faces`. Returns `None` if there
+    /// are no solids, or if a coordinate overflows.
     fn mesh(&self, faces: &[&Mesh]) -> Option<Mesh> {
         let points = self.points.iter().map(|(point, _)| point);
         let ends = self.lines.iter().flat_map(|(ends, _)| ends);

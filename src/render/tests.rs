@@ -56,7 +56,7 @@ const BLUE: Rgb = [0, 0, 255];
 #[test]
 fn a_triangle_covers_its_pixels() {
     let triangle = mesh(&[[0., 0., 0.], [8., 0., 0.], [0., 8., 0.]], &[[0, 1, 2]]);
-    // The triangle begins 0.32 pixels from the border of the picture. The pixels on its diagonal are covered by half.
+    // The triangle begins 0.32 pixels from the border of the picture. The pixels on the longest edge of the triangle are half covered.
     let expected = concat!(
         "w.......\n",
         "ww......\n",
@@ -299,7 +299,7 @@ fn lines_are_drawn_in_front_of_and_behind_faces() {
     let view = view(400, 400);
     let alone = render_layers(std::slice::from_ref(&faces), &view).unwrap();
     assert_eq!(alone, render(&mesh, &view));
-    // The three lines are in front of the square, behind it, and in front of it in a sensor's coordinate axes.
+    // Draw three lines: in front of the square, behind the square, and in front of the square but given in a sensor's coordinate axes.
     fn line_at(z: f64, axes: Axes) -> Layer {
         line([[0., 4., z], [8., 4., z]], axes)
     }

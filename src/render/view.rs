@@ -27,7 +27,7 @@ pub struct View {
 /// The part of a scene that is shown in the middle of a picture. Positions are in mm, in the coordinate axes of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Aim {
-    /// A point that is shown in the middle. The scale is the same as without it.
+    /// A point that is shown in the middle. The scale is the same as for the whole scene.
     Point(Point3<f64>),
     /// A box, given by its minimum and maximum corner, which just fits into the picture.
     Box(Point3<f64>, Point3<f64>),

@@ -173,7 +173,8 @@ impl Cache {
         self.limit
     }
 
-    /// Drops values to which only the cache refers, the least recently used first, until such values take at most `most` bytes.
+    /// Drops values to which only the cache refers, the least recently used first, until all such values together take at most `most`
+    /// bytes.
     pub(super) fn drop_idle(&self, most: u64) {
         let state = &mut *lock(&self.state);
         if state.bytes as u64 <= most {
@@ -233,7 +234,7 @@ impl Cache {
 }
 
 impl State {
-    /// Drops the least recently used entries until the others take at most `goal` bytes.
+    /// Drops the least recently used entries until the remaining entries take at most `goal` bytes.
     fn shrink(&mut self, goal: usize) {
         let mut by_use: Vec<_> =
             self.entries.iter().map(|(key, entry)| (entry.last_use(), *key)).collect();

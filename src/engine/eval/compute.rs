@@ -19,14 +19,15 @@ use super::snapshot::NodeRecord;
 use super::trace::Reason;
 use super::{State, catch_panic, lock};
 
-/// The contents of the files that a node reads, or their hashes if one has changed since its hash was computed for the key.
+/// The contents of the files that a node reads. If one of the files has changed since the node's key was computed, the new hashes of the
+/// files instead.
 pub(super) enum LoadedFiles {
     Files(BTreeMap<PathBuf, Option<File>>),
     Changed(Box<[Option<Hash>]>),
 }
 
 impl Run<'_> {
-    /// Reads the files of a node. If a file has changed since its hash was computed for the key, returns the new hashes instead.
+    /// Reads the files of a node. If one of them has changed since the node's key was computed, returns the new hashes instead.
     pub(super) fn load(&self, node: &GraphNode, parts: &Parts) -> Result<LoadedFiles, Error> {
         let files = node.files.iter().map(|file| self.files.file(file));
         let files: Vec<Option<File>> = files.collect::<Result<_, _>>()?;
@@ -117,7 +118,7 @@ impl Run<'_> {
         Some(Some(Arc::new(NodeRecord { parts, key, outcome })))
     }
 
-    /// Returns the node's own estimate of the memory that it needs.
+    /// Returns the node's own estimate of the memory that it needs, or `None` if the node gives no estimate.
     fn estimate(
         &self,
         index: usize,
@@ -136,9 +137,9 @@ impl Run<'_> {
         apart.map(|(_, values)| size(values)).sum()
     }
 
-    /// Computes the node's values by updating its previous values. This needs the previous inputs and outputs in memory, and only input
-    /// values may have changed. Returns `None` if the node cannot update. The previous inputs are found by the hashes in the previous key,
-    /// so no record of the edits is needed.
+    /// Computes the node's values by updating its previous values. This is possible only if the previous inputs and outputs are in memory,
+    /// and only input values have changed. Returns `None` if the node cannot update. The previous inputs are found by the hashes in the
+    /// previous key, so no record of the edits is needed.
     fn update(
         &self,
         index: usize,

@@ -55,7 +55,7 @@ use seal::{seal, unseal};
 pub use usage::{NodeSize, Sizes, Usage};
 use writer::{Job, Writer};
 
-/// The disk cache, as one build of the program uses it.
+/// A disk cache that one build of the program has opened.
 pub struct Disk {
     store: Arc<Store>,
     writer: Writer,
@@ -176,7 +176,7 @@ impl Disk {
         })
     }
 
-    /// Returns the stored result with this key, without its values.
+    /// Returns the stored result with this key, without its values. Returns `None` if there is no undamaged entry with this key.
     pub(super) fn find(&self, key: Hash) -> Option<Outcome> {
         self.store.entry(key).map(|entry| entry.outcome())
     }
@@ -232,7 +232,7 @@ impl Disk {
         }
     }
 
-    /// Returns the bytes that [`keep_note`](Self::keep_note) has stored for an output folder.
+    /// Returns the bytes that [`keep_note`](Self::keep_note) has stored for an output folder, or `None` if there are none.
     pub(crate) fn note(&self, folder: &Path) -> Option<Vec<u8>> {
         self.store.read(&self.store.path_of("outputs", folder))
     }
@@ -243,7 +243,8 @@ impl Disk {
         self.writer.send(Job::Note { path, note, files });
     }
 
-    /// Returns the snapshot of the last evaluation of the graph at this path, and the metadata of the files that it read.
+    /// Returns the snapshot of the last evaluation of the graph at this path, and the metadata of the files that the evaluation read.
+    /// Returns `None` if no usable snapshot is stored.
     pub(super) fn snapshot(&self, graph: &Path) -> Option<(Snapshot, Vec<KnownFile>)> {
         let path = self.store.path_of("graphs", graph);
         let found = record::read(&self.store.read(&path)?, graph, &self.store);

@@ -13,7 +13,7 @@ use serde_json::Value as Json;
 #[derive(Clone, Debug)]
 pub(super) struct Parts {
     pub(super) recipe: Arc<Recipe>,
-    /// The hash of the value of each link, in order.
+    /// The hashes of the values at the node's input links, in the order of the links.
     pub(super) inputs: Box<[Hash]>,
     /// The hash of the content of each file; `None` for a missing file.
     pub(super) files: Box<[Option<Hash>]>,
@@ -46,7 +46,7 @@ impl Parts {
         Hash::compute(&content)
     }
 
-    /// Returns the first difference from the earlier parts `before`, or `None` if all parts are equal.
+    /// Returns the first difference between these parts and `before`, the parts of an earlier computation; `None` if all parts are equal.
     pub(super) fn change(&self, before: &Self) -> Option<Change> {
         if self.recipe.identity != before.recipe.identity {
             if self.recipe.kind != before.recipe.kind {

@@ -79,7 +79,8 @@ fn cached_results_are_right_after_any_sequence_of_steps() {
                     Some(next.fetch_add(1, Ordering::Relaxed)).filter(|it| *it < shards)
                 {
                     if let Some(failure) = follow_shard(shard) {
-                        // Do not start later shards, because this one has failed. Earlier shards are finished.
+                        // Do not start later shards, because this shard has failed. Earlier shards that are still running continue to their
+                        // end.
                         next.store(shards, Ordering::Relaxed);
                         lock(&failures).insert(shard, failure);
                     }
@@ -139,11 +140,11 @@ struct World {
     cache: PathBuf,
     /// The keys of the results that are on disk.
     kept: HashSet<Hash>,
-    /// The parts of each node in the record of the last evaluation on disk.
+    /// The parts of each node, as the record of the last evaluation on disk contains them; `None` if there is no record.
     last: Option<LastParts>,
     /// True if the test knows exactly which results each process still has.
     is_exact: bool,
-    /// True if the test knows which evaluation each process has as its last one.
+    /// True if the test knows, for each process, which evaluation that process remembers as the last one.
     is_record_known: bool,
     _folder: tempfile::TempDir,
 }
@@ -269,7 +270,7 @@ impl World {
         let on_disk = (self.last.clone().unwrap_or_default(), self.kept.clone());
         let process = self.process();
         let evaluator = &mut process.evaluator;
-        // A process reads the disk when it first needs results, so it has to find what is on disk now.
+        // Use the present state of the disk: the process reads the disk only when it first needs results.
         let (recorded, kept) =
             if evaluator.disk().is_some() { on_disk } else { Default::default() };
         let last = process.last.get_or_insert(recorded).clone();

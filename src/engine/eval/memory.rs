@@ -26,7 +26,7 @@ pub(super) struct Memory {
 
 #[derive(Default)]
 struct State {
-    /// The number of nodes that are being visited, or are about to be visited and do not wait for memory.
+    /// The number of active nodes: those that are being visited, and those that are about to be visited without waiting for memory.
     active: usize,
     /// The size of the values that nodes still need, in bytes.
     held: u64,
@@ -115,13 +115,13 @@ impl Memory {
         lock(&self.state).has_waited.contains(&index)
     }
 
-    /// Queues nodes that have the same key as a node that waits for memory. They need its result.
+    /// Queues nodes that have the same key as a node that waits for memory, because they need the result of that node.
     pub(super) fn wait(&self, nodes: Vec<usize>) {
         lock(&self.state).waiting.extend(nodes.into_iter().map(|node| (node, 0)));
     }
 
-    /// Checks that enough memory for a node is free now. The node's lost values are computed again while other nodes wait for them, so this
-    /// node must not wait for memory itself.
+    /// Checks that enough memory for a node is free now. The lost values of the node are being computed again, and other nodes wait for
+    /// these values. So the node must not itself wait for memory.
     ///
     /// # Errors
     /// If there is not enough free memory.

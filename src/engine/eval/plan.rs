@@ -1,8 +1,8 @@
 //! Plans an evaluation: finds the nodes that need work before anything runs.
 //!
-//! For speed, a single hash of a node's name, recipe and links is compared first. If it and the dependencies are unchanged, the parts from
-//! which the node was computed need not be read. These are scattered in memory; reading them for 10 000 nodes took four of five
-//! milliseconds.
+//! For speed, a single hash of a node's name, recipe and links is compared first. If the hash and the node's dependencies are unchanged,
+//! the parts from which the node was computed need not be read. The parts are scattered in memory: for 10 000 nodes, reading them took 4 of
+//! the 5 ms of planning.
 
 use std::sync::{Arc, OnceLock};
 
@@ -68,7 +68,7 @@ impl KnownResults {
                 .collect(),
             Self::Some(results) => results,
         };
-        // If a node's new result differs from its known result, other nodes may still have been computed from the known one.
+        // False if the new result of a node differs from its known result. Then other nodes may have been computed from the known result.
         let mut agree = true;
         for (index, done) in visited {
             if let (Some(before), Some(done)) = (&results[index], &done) {
@@ -163,8 +163,8 @@ impl Evaluator {
         }
         let shape = graph.topology();
         let mut results: Vec<Option<Arc<NodeRecord>>> = vec![None; wanted.len()];
-        // Mark the nodes that are unchanged since the last evaluation, together with all their dependencies. That evaluation computed each
-        // of them from the results of its dependencies, so the results still match each other.
+        // Mark the nodes that are unchanged since the last evaluation, together with all their dependencies. The last evaluation computed
+        // each of these nodes from the results of its dependencies, so these results still match each other.
         let mut same = vec![false; wanted.len()];
         for index in (0..wanted.len()).filter(|&index| wanted[index]) {
             let known = match last

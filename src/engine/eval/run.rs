@@ -165,11 +165,11 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Visits a node, and then the nodes that waited only for it.
+    /// Visits a node, and then those nodes for which it was the last unfinished dependency.
     fn visit<'s>(&'s self, index: usize, scope: &rayon::Scope<'s>) {
         let mut next = Some(index);
-        // Visit one of the nodes that become ready next on this thread. That saves the cost of a new task in long chains, which are common.
-        // In this depth-first order, values are used and dropped soon after they are computed.
+        // Of the nodes that become ready, visit one on this thread. This saves the cost of a new task in long chains, which are common. In
+        // this depth-first order, values are used and dropped soon after they are computed.
         while let Some(index) = next.take() {
             let Some((done, mut ready)) = self.run_node(index) else {
                 next = self.memory.end_visit();
@@ -207,9 +207,10 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Returns the result of a node: the one that its visit has found, or before the visit the one that the plan knows. The plan knows the
-    /// results of nodes that are only restored or verified. Such a result may be needed before the visit: another process may have dropped
-    /// the values of a node without a task, and computing them again needs the results of its dependencies.
+    /// Returns the result of a node, or `None` if it is not known or the node failed. After the node's visit, this is the result of the
+    /// visit. Before, it is the result that the plan knows, if the node is only restored or verified. It may be needed before the visit:
+    /// another process may have dropped the values of a node without a task, and computing them again needs the results of its
+    /// dependencies.
     pub(super) fn result_of(&self, index: usize) -> Option<&Arc<NodeRecord>> {
         let found = self.slot(index).and_then(|slot| slot.result.get());
         match found {
@@ -258,8 +259,8 @@ impl<'a> Run<'a> {
         last.filter(|last| last.graph == self.graph.source().name)?.last_result(name, index)
     }
 
-    /// Finds or computes the result of a node. Returns it (`None` if the node failed), and the nodes with the same key that waited for it.
-    /// Returns `None` if the node itself must wait, for a node with the same key or for memory.
+    /// Finds or computes the result of a node. Returns the result (`None` if the node failed), and the nodes with the same key that waited
+    /// for it. Returns `None` instead if this node itself must wait: for a node with the same key, or for memory.
     fn run_node(&self, index: usize) -> Option<(Option<Arc<NodeRecord>>, Vec<usize>)> {
         let node = &self.graph.nodes()[index];
         let ran_above = node.links.iter().any(|link| self.has_run(link.node));
@@ -333,7 +334,8 @@ impl<'a> Run<'a> {
         Ok(Parts { recipe: node.recipe.clone(), inputs, files: files.collect::<Result<_, _>>()? })
     }
 
-    /// Returns the known result for the key, which is then either reused or compared with a newly computed result.
+    /// Returns the known result for the key, which the caller reuses or, if the task is `Verify`, compares with a newly computed result.
+    /// Returns `None` if there is no such result or the task is another one.
     fn known_outcome(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
         match self.plan.tasks[index] {
             Task::Look => self.find(index, key),
@@ -345,7 +347,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Returns the result with this key from memory, from the last evaluation or from disk.
+    /// Returns the result with this key from memory, from the last evaluation or from disk. Returns `None` if none of them has it.
     pub(super) fn find(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
         // Prefer results in this process to results on disk.
         let found = self.evaluator.cache.find(key).or_else(|| {
@@ -359,8 +361,8 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// Fetches a result that another machine computed. Does not ask the server if an input of the node is new to all machines: then no
-    /// machine can have the result. So for a graph that no machine knows, the server is asked only about nodes without dependencies.
+    /// Fetches a result that another machine computed. If an input of the node is new to all machines, no machine can have the result, so
+    /// the server is not asked. For a graph that no machine knows, the server is therefore asked only about nodes without dependencies.
     fn fetch(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
         let node = &self.graph.nodes()[index];
         let asks = self.plan.tasks[index] == Task::Look

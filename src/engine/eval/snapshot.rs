@@ -11,7 +11,7 @@ use super::cache::Outcome;
 use super::disk::Disk;
 use super::key::Parts;
 
-/// A result of a node with its key. It never becomes invalid, because the key covers everything from which it was computed.
+/// A result of a node with its key. The result never becomes invalid, because the key covers everything from which it was computed.
 pub(super) struct NodeRecord {
     pub(super) parts: Parts,
     pub(super) key: Hash,
@@ -45,7 +45,8 @@ impl Snapshot {
         self.results[index].as_ref().filter(|_| self.is_current[index])
     }
 
-    /// Returns the result that the node got in the last evaluation, if its name, recipe and links have not changed since.
+    /// Returns the result that the node got in the last evaluation. Returns `None` if there is no such result, or if the node's name,
+    /// recipe or links have changed since.
     pub(super) fn current_if_unchanged(
         &self,
         graph: &Graph,
@@ -64,7 +65,8 @@ impl Snapshot {
         }
     }
 
-    /// Returns the last result of the node with this name. `near` is a guess of the node's index, for speed.
+    /// Returns the last result of the node with this name, or `None` if no result is known. `near` is a guess of the node's index, which
+    /// makes the search faster.
     pub(super) fn last_result(&self, name: &str, near: usize) -> Option<&Arc<NodeRecord>> {
         let index = match self.names.get(near) {
             Some(there) if there == name => near,
@@ -73,8 +75,8 @@ impl Snapshot {
         self.results[index].as_ref()
     }
 
-    /// Returns the results of loop elements that the graph does not list, because their `ForEach` is not expanded. These results stay
-    /// valid.
+    /// Returns the results of loop elements that the graph does not list, because the `ForEach` loops that contain them are not expanded.
+    /// The results of such elements stay valid.
     pub(super) fn elements(
         &self,
         graph: &Graph,

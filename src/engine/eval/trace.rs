@@ -55,7 +55,7 @@ pub(crate) enum Reason {
     Cheap,
     /// The user asked to compare cached results with new ones.
     Verified,
-    /// The file with this index may have changed. A forecast does not read large files, so it is not known.
+    /// The file with this index may have changed. A forecast cannot tell, because the file is large and forecasts do not read large files.
     Unread(usize),
     /// The node depends on the node with this index.
     DependsOn(usize),

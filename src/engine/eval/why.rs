@@ -55,7 +55,8 @@ pub struct LastResult {
 }
 
 impl Evaluator {
-    /// Returns facts about the last result of each node, from this process or another one. No node is run.
+    /// Returns facts about the last result of each node, from this process or another one; `None` for a node without a known result. No
+    /// node is run.
     pub(crate) fn last_results(&mut self, graph: &Graph) -> Vec<Option<LastResult>> {
         // Read the record on disk again, because another process may have evaluated the graph in the meantime.
         self.last = None;
@@ -140,7 +141,7 @@ fn forecast_of(forecasts: &[Forecast], index: usize) -> Option<&Forecast> {
     forecasts.binary_search_by_key(&index, |it| it.index).ok().map(|place| &forecasts[place])
 }
 
-/// Returns the first dependency of a node that would fail or be skipped.
+/// Returns the first dependency of a node that would fail or be skipped, or `None` if no dependency would.
 fn failing_input(graph: &Graph, index: usize, forecasts: &[Forecast]) -> Option<usize> {
     let mut links = graph.nodes()[index].links.iter().map(|link| link.node);
     links.find(|&link| {

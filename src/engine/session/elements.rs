@@ -1,8 +1,8 @@
 //! Determines how many elements each `ForEach` loop over data has. The data is evaluated before the rest of the graph.
 //!
-//! The last known counts, from this process or from a note on disk, are used as guesses. So if nothing has changed, nothing has to be
-//! evaluated first. If a count is wrong, the node that splits the data into elements reports the real one. Guesses that no evaluation has
-//! confirmed are dropped.
+//! The last known counts, from this process or from a note on disk, are used as guesses. If nothing has changed, the guesses are right and
+//! no data has to be evaluated first. If a count is wrong, the node that splits the data into elements reports the real one. Guesses that
+//! no evaluation has confirmed are dropped.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -16,12 +16,12 @@ use super::{Session, Targets};
 use crate::eval::Observer;
 use crate::expect;
 
-/// The last known number of elements of each loop, by the path of the graph file.
+/// For each graph file, by path: the last known number of elements of each loop of the graph.
 pub(super) type KnownCounts = BTreeMap<PathBuf, Counts>;
 
 impl Session {
-    /// Expands the loops on which the nodes `wanted` depend, so that each loop has as many elements as its data. The data is evaluated for
-    /// this purpose. If that fails, the loop gets a single example element.
+    /// Expands the loops on which the nodes `wanted` depend, so that each loop has as many elements as its data. To count the elements,
+    /// evaluates the data. If this evaluation fails, the loop gets a single example element.
     pub(crate) fn resolve(
         &mut self,
         graph: &Graph,
@@ -38,14 +38,14 @@ impl Session {
             return graph.clone();
         }
         let mut counts = self.counts(graph);
-        // Drop counts of zero: if a loop has no elements, no node depends on its data. So nobody would notice if the data had elements now
-        // or failed.
+        // Drop counts of zero, so that these loops are counted again. No node depends on the data of a loop without elements, so an
+        // evaluation would not notice that the data has elements now, or that it fails.
         counts.retain(|_, count| matches!(count, Count::Of(1..)));
         let mut found = self.expand(graph, &mut counts);
         let mut confirmed = BTreeSet::new();
         // The loops whose counts are guesses, taken from similar loops.
         let mut guessed = BTreeSet::new();
-        // True if the data of a loop with a known count fails. Then the count is outdated.
+        // True if the data of a loop with a known count cannot be evaluated. Such a count is outdated.
         let mut has_failed = false;
         // Each round finds the count of one more loop in a chain of dependent loops. It also finds the counts of all loops whose guesses
         // were right.
@@ -89,7 +89,7 @@ impl Session {
                 self.expand(graph, &mut counts)
             });
         }
-        // The counts are unknown, so represent all elements of such a loop by a single example element.
+        // Drop the guesses that were not confirmed, so that the loops they belong to get a single example element.
         if has_failed || !guessed.is_empty() {
             counts.retain(|name, _| !guessed.contains(name));
             found = self.expand(graph, &mut counts);
@@ -118,7 +118,7 @@ impl Session {
         self.expand(graph, &mut counts)
     }
 
-    /// Returns the graph with its loops expanded to the given counts. If a count is wrong, the evaluation reports it.
+    /// Returns the graph with its loops expanded to the given numbers of elements. If a number is wrong, the evaluation reports it.
     fn expand(&self, graph: &Graph, counts: &mut Counts) -> Graph {
         fn refusal(diagnostics: Vec<Diagnostic>) -> Count {
             let first = diagnostics.into_iter().next().map(|diagnostic| diagnostic.message);
@@ -165,7 +165,8 @@ impl Session {
     }
 }
 
-/// The maximum total number of elements that are guessed in one round. A wrong guess wastes work.
+/// The maximum number of elements that are guessed in one round, summed over all loops. The number is limited because a wrong guess wastes
+/// work.
 const MAX_GUESSED: usize = 10_000;
 
 /// Guesses the unknown counts of loops. If several graphs use the same file, a loop in it is assumed to have equal counts in all of them.
@@ -190,7 +191,7 @@ fn guesses(graph: &Graph, open: &[Loop], found: &[(&Loop, usize)], known: &Count
     .collect()
 }
 
-/// Returns the requested nodes. Nodes that exist only after a loop is expanded are left out.
+/// Returns the indices of the requested nodes. Nodes that exist only after a loop is expanded are left out.
 pub(super) fn wanted_nodes(graph: &Graph, wanted: &Targets) -> Vec<usize> {
     let output_nodes = || graph.outputs().iter().map(|output| output.node);
     fn nodes_of_names(names: &[String], graph: &Graph) -> Vec<usize> {

@@ -21,7 +21,7 @@ pub struct RunResult {
 }
 
 impl RunResult {
-    /// Returns the value with this name, if it was requested and did not fail. The name is that of an output of the graph, of a node
+    /// Returns the value with this name, or `None` if it was not requested or failed. The name is that of an output of the graph, of a node
     /// (meaning its first output), or of an output of a node: `node.output`.
     pub fn value(&self, name: &str) -> Option<&AnyValue> {
         let (node, output) = self.graph.find_value(name)?;
@@ -38,13 +38,14 @@ impl RunResult {
         value.get().ok_or_else(|| format!("`{name}` is {kind}, not {}", with_article(T::NAME)))
     }
 
-    /// Returns the value of an output of a node. Both are given by index: first the node, then its output.
+    /// Returns the value of an output, given the indices of the node and of the output in the node. Returns `None` if the value was not
+    /// requested or failed.
     pub fn value_at(&self, (node, output): (usize, usize)) -> Option<&AnyValue> {
         self.evaluation.value(node, output)
     }
 
-    /// Returns the value of an output of a node, if it was requested and did not fail. The node may be one that uses another graph. The
-    /// names in the section `outputs` of the graph are not searched.
+    /// Returns the value of an output of a node, or `None` if it was not requested or failed. The node may be one that uses another graph.
+    /// The names in the section `outputs` of the graph are not searched.
     pub fn value_of(&self, node: &str, output: &str) -> Option<&AnyValue> {
         self.evaluation.find(&self.graph, node, output)
     }
@@ -56,7 +57,7 @@ impl RunResult {
         outputs.map(|output| self.evaluation.value(node, output).cloned()).collect()
     }
 
-    /// Returns the files to which an output of the graph would be written, all in one folder. Returns `None` if the output was not
+    /// Returns the files that writing an output of the graph would create, all in one folder. Returns `None` if the output was not
     /// requested or failed.
     ///
     /// # Errors
@@ -128,7 +129,7 @@ impl OutputReport {
         self.evaluation.trace()
     }
 
-    /// Returns the time spent reading the files of nodes, in seconds, summed over all threads.
+    /// Returns the time spent reading the input files of nodes, in seconds, summed over all threads.
     pub fn seconds_of_files(&self) -> f64 {
         self.evaluation.seconds_of_files()
     }

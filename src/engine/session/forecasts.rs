@@ -10,10 +10,10 @@ use crate::eval::{Forecast, LastResult, explanation};
 use crate::expect;
 
 impl Session {
-    /// Returns what is known about the values of a graph's inputs from notes and small files. Large files are not read.
+    /// Returns the facts about the values of a graph's inputs that stored notes and small files contain. Large files are not read.
     ///
     /// # Errors
-    /// As [`read_inputs`](Self::read_inputs).
+    /// The same errors as [`read_inputs`](Self::read_inputs).
     pub fn known_inputs(
         &self,
         graph: &Graph,
@@ -25,7 +25,7 @@ impl Session {
     /// Returns the graph with its [known inputs](Self::known_inputs), for a forecast. Works like [`bind_inputs`](Self::bind_inputs).
     ///
     /// # Errors
-    /// As [`bind_inputs`](Self::bind_inputs).
+    /// The same errors as [`bind_inputs`](Self::bind_inputs).
     pub fn bind_known_inputs(
         &self,
         graph: &Graph,
@@ -57,8 +57,8 @@ impl Session {
         Ok(self.evaluator.forecast(graph, &nodes, &values))
     }
 
-    /// Returns the forecasts of the given nodes and of their dependencies, for a run that requests the nodes' values. Values whose
-    /// expectations are not known to hold count as requested, too, because they must be checked.
+    /// Returns the forecasts of the given nodes and of their dependencies, for a run that requests the nodes' values. A value with an
+    /// expectation that is not known to hold also counts as requested, because the run must check it.
     pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
         let needed = graph.topology().needed_by(nodes);
         let (_, open) = self.open_expectations(graph, &graph.expectations_for(nodes));
@@ -68,8 +68,8 @@ impl Session {
         self.evaluator.forecast(graph, nodes, &values)
     }
 
-    /// Returns facts about the last result of each node, from this process or another one. No node is run. The loops of the graph must be
-    /// expanded to their [last known counts](Self::with_last_counts).
+    /// Returns facts about the last result of each node, from this process or another one; `None` for a node without a known result. No
+    /// node is run. The loops of the graph must be expanded to their [last known counts](Self::with_last_counts).
     pub fn last_results(&mut self, graph: &Graph) -> Vec<Option<LastResult>> {
         self.evaluator.last_results(graph)
     }

@@ -19,7 +19,7 @@ pub struct ReadFiles {
     pub by_name: BTreeMap<String, Option<Hash>>,
     /// The metadata (stamps) of the files. A file whose metadata has not changed need not be read again.
     pub stamps: Vec<KnownFile>,
-    /// The first file that was skipped because it is large and forecasts do not read large files.
+    /// The first file that was skipped, because it is large and forecasts do not read large files; `None` if no file was skipped.
     pub first_unread: Option<String>,
 }
 
@@ -35,8 +35,8 @@ impl Session {
         self.evaluator.known_files().extend(files);
     }
 
-    /// Returns the files that a graph reads, including the files `inputs` with the values of its inputs. Returns `None` if one of them
-    /// cannot be read. In a forecast, large files are skipped.
+    /// Returns the files that a graph reads, including `inputs`: the files that contain the values of the graph's inputs. Returns `None` if
+    /// one of the files cannot be read. In a forecast, large files are skipped.
     pub fn files_of(
         &self,
         graph: &Graph,
@@ -66,7 +66,7 @@ impl Session {
             }
             let hash = match reads.hash(file) {
                 Ok(hash) => hash,
-                // The graph already treats the file as missing, so this is not an error. If the file appears later, that is a change.
+                // Not an error: the graph was loaded without this file. If the file appears later, the graph counts as changed.
                 Err(_) if file.missing.is_some() && !file.path.exists() => None,
                 Err(_) => return None,
             };
@@ -76,7 +76,7 @@ impl Session {
         Some(files)
     }
 
-    /// Returns a hash of everything that a graph computes and expects. It does not depend on the contents of the files that the graph
+    /// Returns a hash of everything that a graph computes and expects. The hash does not depend on the contents of the files that the graph
     /// reads.
     pub fn graph_identity(&self, graph: &Graph) -> Hash {
         let made = self.node_identities(graph);
@@ -100,7 +100,7 @@ impl Session {
         Hash::compute(words.as_bytes())
     }
 
-    /// Returns a hash of each node and all its dependencies. It does not depend on the contents of files.
+    /// For each node, returns a hash of the node and all its dependencies. The hashes do not depend on the contents of files.
     pub fn node_identities(&self, graph: &Graph) -> Vec<Hash> {
         ProvenanceBuilder::new(graph, &self.catalog).into_identities()
     }

@@ -57,7 +57,7 @@ pub(super) fn read_known(
     })
 }
 
-/// Returns the key of the note about a value: the value of type `kind` that the file at `path` contains.
+/// Returns the key of the note about the value of type `kind` that the file at `path` contains; `None` if the file does not exist.
 fn note_of(path: &Path, kind: &ValueType) -> Option<PathBuf> {
     Some(std::fs::canonicalize(path).ok()?.join(kind.name))
 }

@@ -25,7 +25,7 @@ use crate::writing::{
     Destination, PreviousFiles, RecycledFile, Rewritten, Sources, WriteError, write_at,
 };
 
-/// A file on disk that contains an output of a graph, or a part of it.
+/// A file on disk that contains an output of a graph, or a part of that output.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct OutputFile {
     /// The name of the output.
@@ -90,11 +90,11 @@ struct RewriteState {
     pieces: Pieces,
     #[expect(dead_code, reason = "others find it as long as it is there")]
     kept: CachedData,
-    /// The replaced version of the file, which the next write can overwrite.
+    /// The replaced version of the file, if there is one that the next write can overwrite.
     recycled: Option<RecycledFile<Pieces>>,
 }
 
-/// The metadata (stamp) that a file had when its content was known.
+/// The metadata (stamp) that a file had at a time when its content was known.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct VerifiedStamp {
     stamp: FileStat,
@@ -113,8 +113,8 @@ impl VerifiedStamp {
         self.holds(&file.path, file.hash)
     }
 
-    /// Returns true if the file at this path still has the content with this hash. Reads the file if its metadata does not prove that. The
-    /// metadata may become settled.
+    /// Returns true if the file at this path still has the content with this hash. If the metadata does not prove this, the file is read;
+    /// then the metadata may become settled, so that it proves this later.
     pub fn holds(&mut self, path: &Path, content: Hash) -> bool {
         if FileStat::read(path) != Some(self.stamp) {
             return false;
@@ -189,8 +189,8 @@ impl OutputFolder {
         &self.folder
     }
 
-    /// Returns the destination that limits writing to this folder. If the user has not given the folder explicitly, links must not lead out
-    /// of it.
+    /// Returns the destination that limits writing to this folder. If the user has not given the folder explicitly, it must be inside of
+    /// the current folder, and no link may lead out of the current folder.
     pub fn destination<'a>(&self, sources: &'a Sources) -> Destination<'a> {
         match self.is_given {
             true => Destination::folder(&self.folder, sources),
@@ -198,7 +198,7 @@ impl OutputFolder {
         }
     }
 
-    /// Loads the record of the files in the folder, which an earlier process has stored.
+    /// Loads the record that an earlier process has stored about the files in the folder.
     pub(super) fn recall(&self, evaluator: &Evaluator) {
         let note = evaluator.disk().and_then(|disk| disk.note(&self.folder));
         if let Some(known) = note.and_then(|note| serde_json::from_slice(&note).ok()) {
@@ -206,12 +206,12 @@ impl OutputFolder {
         }
     }
 
-    /// Stores a record of the files in the folder for later processes.
+    /// Stores a record of the files in the folder, for later processes to load.
     pub(super) fn keep(&self, evaluator: &Evaluator) {
         let known = self.lock();
         if let (Some(disk), Ok(note)) = (evaluator.disk(), serde_json::to_vec(&*known)) {
-            // Store the record only after large files are on disk, because they may overwrite older files. If the machine stopped before
-            // that, such a file would have the right length and time but wrong content.
+            // Store the record only after all large files are on disk. A large file may overwrite an older file, so if the machine stopped
+            // earlier, the file would have the right length and time but wrong content.
             let files =
                 known.values().flat_map(|known| known.files.iter().zip(&known.rewrite_states));
             let over = files.filter(|(_, again)| !again.pieces.is_empty());
@@ -260,8 +260,8 @@ impl OutputFolder {
         })
     }
 
-    /// Returns the nodes of the outputs, without outputs whose files are all up to date. `is_right` tests that, given the name
-    /// of an output and a hash of its data.
+    /// Returns the nodes of the outputs, without outputs whose files are all up to date. To find these, calls `is_right` with the name of
+    /// each output and a hash of its data.
     fn nodes_except(
         &self,
         outputs: &[&GraphOutput],
@@ -325,7 +325,7 @@ impl OutputFolder {
         for (output, written) in outputs.iter().zip(results) {
             match written {
                 Ok(written) => {
-                    // An output may consist of several files, whose names are known only after writing.
+                    // Look for other outputs with the same files only now: the names of an output's files are known only after writing.
                     let others: Vec<_> = written
                         .iter()
                         .filter_map(|file| writers.insert(file.path.clone(), &output.name))
@@ -438,7 +438,7 @@ impl OutputFolder {
         take(again).into_iter().zip(files.iter().map(|(_, verified)| verified.clone())).collect()
     }
 
-    /// Returns the files of an output, if they were made from data with the hash `made_of` and have not changed since.
+    /// Returns the files of an output if they were made from data with the hash `made_of` and have not changed since, otherwise `None`.
     fn unchanged_files(&self, output: &str, made_of: Hash) -> Option<Vec<OutputFile>> {
         let known = self.lock();
         let mut files = known.get(output).filter(|it| it.made_of == made_of)?.files.clone();
@@ -561,8 +561,8 @@ fn source_hash(value: Hash, signature: Option<&Signature>) -> Hash {
     }
 }
 
-/// Returns the metadata of the file if its content is `bytes`. Large files are not compared, because writing them is as fast as reading
-/// them.
+/// Returns the metadata of the file if its content is `bytes`. Returns `None` for a large file without comparing it, because writing it is
+/// as fast as reading it.
 fn holds(path: &Path, bytes: &[u8]) -> Option<VerifiedStamp> {
     const LARGE: usize = 16 << 20;
     let found = VerifiedStamp::read(path)?;

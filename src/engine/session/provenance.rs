@@ -36,7 +36,8 @@ impl<'a> ProvenanceBuilder<'a> {
                 content.extend_from_slice(&made[link.node].0);
                 content.extend_from_slice(&(link.output as u64).to_le_bytes());
             }
-            // Add the path of each file but not its content, which is not part of a recipe. For a pin, the recipe contains the content.
+            // Add the path of each file that the node reads. The content is not part of a recipe. Skip a pin, whose recipe already contains
+            // the content.
             for file in node.files.iter().filter(|_| node.kind() != PINNED) {
                 content.extend_from_slice(relative_to_root(&root, &file.path).as_bytes());
                 content.push(0);

@@ -22,7 +22,8 @@ pub fn save(files: Vec<NewFile>, path: &Path) -> Result<Vec<PathBuf>, SaveError>
     }
 }
 
-/// Returns the POSIX error code for an error of writing a temporary file. Such an error has a kind but no system error code.
+/// Returns the POSIX error code for an error of writing a temporary file, or `None` if no code fits. Such an error has a kind but no system
+/// error code.
 fn code_of(kind: io::ErrorKind) -> Option<i32> {
     Some(match kind {
         io::ErrorKind::NotFound => 2,

@@ -39,7 +39,8 @@ pub enum CacheFolder {
     None,
 }
 
-/// The server through which machines share results: see [`Disk::with_server`]. It is used only if there is also a folder for results.
+/// The server through which machines share results: see [`Disk::with_server`]. The server is used only if there is also a folder for
+/// results.
 #[derive(Clone, Default, PartialEq, Eq)]
 pub enum CacheServer {
     /// The default server of the command line: the address in `$MAQUETTE_CACHE_REMOTE`, or no server if that is not set.
@@ -106,8 +107,8 @@ impl Settings {
         Ok(Self { max_memory: Some(size(text)?), ..self })
     }
 
-    /// Creates an evaluator that runs on the given threads. Also returns the reason why it does not write results to disk although the
-    /// settings ask for it.
+    /// Creates an evaluator that runs on the given threads. Also returns the reason why the evaluator does not write results to disk
+    /// although the settings ask for it; `None` if nothing prevents writing.
     pub(super) fn evaluator(
         &self,
         catalog: &Catalog,
@@ -153,7 +154,8 @@ impl CacheServer {
         }
     }
 
-    /// Returns the address of the server, together with the name of the option or environment variable that contains it.
+    /// Returns the address of the server, after the name of the option or environment variable that contains it; `None` if no server is
+    /// used.
     pub fn address(&self) -> Option<(&'static str, String)> {
         match self {
             Self::Default => {
@@ -166,7 +168,7 @@ impl CacheServer {
     }
 }
 
-/// Returns the maximum size of the folder for results, in bytes.
+/// Returns the maximum size of the folder for results, in bytes. It is an error if `$MAQUETTE_CACHE_SIZE` is set but is not a size.
 pub fn disk_size() -> Result<u64, String> {
     match std::env::var("MAQUETTE_CACHE_SIZE") {
         Ok(text) => size(&text).map_err(|why| format!("MAQUETTE_CACHE_SIZE: {why}")),

@@ -12,19 +12,19 @@ use crate::eval::Evaluation;
 use crate::expect;
 use crate::expect::Violation;
 
-/// The number of verdicts stored for a graph, in addition to one for each of its expectations. They are about earlier values.
+/// The maximum number of verdicts about earlier values that are stored for a graph, in addition to one verdict for each expectation.
 const MAX_SPARE_VERDICTS: usize = 1000;
 
 #[derive(Default)]
 pub(super) struct Verdicts {
-    /// A hash of the expectation and of the values that meet it, for each stored verdict. The latest verdict is the first.
+    /// For each stored verdict, a hash of the expectation and of the values that meet it. The latest verdict comes first.
     valid: Vec<Hash>,
     /// The maximum number of verdicts that are stored for the graph.
     max_verdicts: usize,
 }
 
 impl Verdicts {
-    /// Returns the expectations that have no verdict for the values with the given hashes, and so must be checked.
+    /// Returns those expectations that must be checked, because no verdict about the values with the given hashes is stored.
     pub(super) fn open<'e>(
         &self,
         expected: &[&'e GraphExpectation],
@@ -38,8 +38,8 @@ impl Verdicts {
             .collect()
     }
 
-    /// Checks the expectations `open` one after the other until the run is cancelled. Stores which of them hold and returns the violations.
-    /// Verdicts about other expectations are kept.
+    /// Checks the expectations `open` one after the other until the run is cancelled. Stores verdicts for those that hold, and returns the
+    /// violations of the others. Verdicts about other expectations are kept.
     pub(super) fn judge(
         &mut self,
         graph: &Graph,

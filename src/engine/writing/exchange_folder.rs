@@ -48,7 +48,7 @@ impl ExchangeFolder {
         }
         let folder = builder.tempdir_in(parent)?;
         let lock = File::create_new(folder.path().join(LOCK))?;
-        // Ignore an error. On a file system without locks, old exchange folders are never removed.
+        // Ignore an error: on a file system without locks, the only consequence is that old exchange folders are never removed.
         let _ = lock.try_lock();
         Ok(Self { folder, _lock: lock })
     }

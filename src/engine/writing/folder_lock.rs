@@ -1,7 +1,7 @@
 //! A lock on a folder. It ensures that only one process at a time reads, changes and rewrites files in the folder.
 //!
 //! The folder itself is locked, so no lock file is left behind. The system releases the lock when the process ends. On systems that cannot
-//! lock folders, [`replace`](super::replace) still prevents that a file changed in the meantime is overwritten.
+//! lock folders, [`replace`](super::replace) still refuses to overwrite a file that has changed since it was read.
 
 use std::fs::{File, TryLockError};
 use std::io;

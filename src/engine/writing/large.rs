@@ -9,8 +9,8 @@ use std::time::SystemTime;
 const LARGE: usize = 16 << 20;
 
 /// Allocates disk space for a file of `len` bytes before it is written. Without this, the file system ext4 allocates the space when the
-/// file replaces another one, and writes the whole file to disk at that time. For 340 MB this takes 140 to 300 ms, twice as long as
-/// everything else.
+/// file replaces another one, and writes the whole file to disk at that time. For 340 MB this takes 140 to 300 ms, twice as long as all
+/// other steps of writing the file.
 ///
 /// The length of the file still grows while it is written. So if the machine stops before the whole file is on disk, the file is too short
 /// and is not mistaken for a complete one.
@@ -41,13 +41,13 @@ pub(crate) fn bring_to_disk(path: &Path) -> io::Result<()> {
 pub(super) struct ReplacedFile(Option<File>);
 
 impl ReplacedFile {
-    /// Opens the file at `path`, if the file of `len` bytes that is about to replace it is large.
+    /// Opens the old file at `path` if the new file, which has `len` bytes and is about to replace it, is large.
     #[cfg(unix)]
     pub(super) fn open(path: &Path, len: usize) -> Self {
         Self((LARGE <= len).then(|| maquette_value::fs::open_no_follow(path).ok()).flatten())
     }
 
-    /// Opens nothing: on this system a file that is open cannot be replaced.
+    /// Does nothing, because on this system a file cannot be replaced while it is open.
     #[cfg(not(unix))]
     pub(super) fn open(_: &Path, _: usize) -> Self {
         Self(None)

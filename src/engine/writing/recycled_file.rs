@@ -45,8 +45,8 @@ impl<T> RecycledFile<T> {
         is_ours.then_some((file, holds))
     }
 
-    /// Exchanges `file` with the file at `path`, which can then be recycled. The file at `path` must have the metadata `last`. Returns
-    /// `file` if the exchange is not possible.
+    /// Exchanges `file` with the file at `path`, which must have the metadata `last`. Returns both: the replaced file as one that can be
+    /// recycled, or `None` if another program interfered. If the exchange is not possible, returns `file` as the error.
     pub(super) fn exchange(
         file: NamedTempFile,
         path: &Path,
@@ -69,7 +69,7 @@ impl<T> RecycledFile<T> {
     }
 }
 
-/// Opens and locks the file at this path, if it has the metadata `stamp` and no other name (hard link).
+/// Opens and locks the file at this path. Returns `None` if the file has other metadata than `stamp`, or another name (hard link).
 fn old_at(path: &Path, stamp: FileStat) -> Option<File> {
     maquette_value::fs::is_regular_file(path).then_some(())?;
     let file = File::options().read(true).write(true).open(path).ok()?;

@@ -55,8 +55,8 @@ impl Sources {
     }
 }
 
-/// Returns a path without symbolic links and dots. The file or folder need not exist yet. For example, `new/../scan.ply` becomes
-/// `scan.ply`, because it will be that file once the folder `new` exists.
+/// Returns a path without symbolic links and dots, or `None` if the path has no file name. The file or folder need not exist yet. For
+/// example, `new/../scan.ply` becomes `scan.ply`, because the path will lead to that file once the folder `new` exists.
 fn real(path: &Path) -> Option<PathBuf> {
     fn without_parent_links(path: &Path) -> Option<PathBuf> {
         Some(folder_of_new(path).join(path.file_name()?))

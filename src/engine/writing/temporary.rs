@@ -4,7 +4,7 @@
 //! the lock when the process ends. So if another process can lock the file, the file is abandoned and can be removed. On file systems
 //! without locks, no files are removed.
 //!
-//! The lock shows this more reliably than the age of the file or a process id in its name.
+//! A lock shows that a file is abandoned more reliably than the age of the file or a process id in its name.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};

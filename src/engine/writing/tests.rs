@@ -150,7 +150,7 @@ fn files_changed_by_others_are_not_recycled() {
     let Some(mut file) = RewrittenFile::new() else { return };
     write_at(&File::options().write(true).open(file.spare()).unwrap(), 5, b"x").unwrap();
     assert_eq!(file.write(3), None);
-    // Case: at the path there is another file or nothing, or the folder does not exist.
+    // Cases: the file at the path was removed, another program has put a different file there, or the folder does not exist.
     let Some(mut file) = RewrittenFile::new() else { return };
     fs::remove_file(&file.path).unwrap();
     assert_eq!(file.write(3), Some(1));

@@ -61,8 +61,8 @@ pub(super) struct Lease {
 }
 
 impl Connections {
-    /// Adds a connection to the list. If there are too many, closes the one that has been idle for the longest time. Returns `None` if none
-    /// of them is idle.
+    /// Adds a connection to the list. If there are too many connections, closes the one that has been idle for the longest time. If none is
+    /// idle, returns `None` and does not add the connection.
     fn admit(self: &Arc<Self>) -> Option<Lease> {
         let mut open = lock_ignoring_poison(&self.open);
         if open.len() >= MAX_CONNECTIONS {
@@ -134,7 +134,7 @@ async fn serve_one(stream: TcpStream, router: Router, lease: Lease) {
     let lease = Arc::new(lease);
     let connection = lease.connection.clone();
     let mut first = [0];
-    // Wait for the first request. Until it arrives, the reason for closing the connection can still be sent as an answer.
+    // Wait for the first request. If the connection must be closed before a request arrives, the reason can still be sent as an answer.
     tokio::select! {
         // Use `peek` instead of `readable`, which may return although there is nothing to read.
         asked = stream.peek(&mut first) => if asked.is_err() { return },
@@ -157,7 +157,7 @@ async fn serve_one(stream: TcpStream, router: Router, lease: Lease) {
 
 /// Sends the reason why a connection is not served, and then closes it.
 async fn reject(stream: TcpStream, answer: String) {
-    // The send buffer of the connection is empty, so the whole answer fits into it.
+    // Wait until the connection is writable. Its send buffer is empty, so the whole answer then fits into it.
     let is_open = timeout(LINGER_TIMEOUT, stream.writable()).await.is_ok();
     if !is_open || stream.try_write(answer.as_bytes()).is_err() {
         return;

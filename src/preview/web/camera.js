@@ -144,7 +144,7 @@ export class Camera {
   }
 
   /**
-   * Sets the target, the center of rotation and of the view. The viewer stays in its depth.
+   * Sets the target: the center of rotation and of the view. The viewer does not move along the viewing direction.
    * @param {Vector} position
    */
   aim(position) {
@@ -214,7 +214,7 @@ export class Camera {
   }
 
   /**
-   * The camera as numbers of the page's address: yaw, pitch and zoom, and the position if it does not follow from the viewed value.
+   * The camera as numbers for the page's URL: yaw, pitch and zoom, and also its position unless that follows from the viewed value.
    * @returns {number[]}
    */
   numbers() {

@@ -1,6 +1,7 @@
-// A cache of columns of bytes from the server. Columns that are here are not requested again; of changed columns only the changed parts.
+// A cache of columns (byte arrays) from the server. A cached column is not requested again. Of a column that has changed, only the changed
+// parts are requested.
 
-/** Unused columns are kept up to this multiple of the bytes in use, and at least up to this many bytes. */
+/** The maximum size of unused columns: this multiple of the bytes in use, or this number of bytes if that is larger. */
 const [KEPT_RATIO, MIN_KEPT] = [2, 16 * 2 ** 20];
 
 /** Changed parts with a gap of at most this many bytes are uploaded as one: many small uploads are slow. */
@@ -47,7 +48,7 @@ export class Column {
  * @returns {Promise<Answer>}
  */
 function request(name, old) {
-  // Several times as fast as `fetch` with large answers.
+  // Use `XMLHttpRequest`, which is several times as fast as `fetch` for large answers.
   const xhr = new XMLHttpRequest();
   const from = old?.name ?? "";
   return new Promise((done, fail) => {

@@ -5,7 +5,7 @@ import { shape } from "./element.js";
 /** The height of a box's head, and the distance of a text's baseline below its center. */
 const [HEAD, BASE] = [38, 4];
 
-/** The minimum scale of a wide graph; below, the view scrolls. */
+/** The minimum scale of a wide graph. If the graph does not fit at this scale, the view scrolls. */
 const MIN_SCALE = 0.7;
 
 /** @typedef {import("./types").Box} Box */

@@ -65,7 +65,7 @@ function answer(id, found) {
  */
 const nodes = new Map();
 
-/** True during a run; evaluations only for the viewed outputs are not runs. */
+/** True during a run. An evaluation of only the viewed outputs is not a run. */
 let isRunning = false;
 
 /**
@@ -80,7 +80,7 @@ const before = new Map();
  */
 const inside = new Map();
 
-/** States by priority: a box with several nodes shows the first of these that one of them has. */
+/** The states by priority: a box with several nodes shows the first state in this list that one of its nodes has. */
 const STATES = ["failed", "started", "skipped", "computed", "equal", "cached"];
 
 /**
@@ -183,7 +183,7 @@ const handlers = {
  * @param {import("./types").NodeState} node
  */
 function note(name, node) {
-  // Facts that this run has not reported yet are those of the last one.
+  // Keep the facts of the last run until this run reports new ones.
   nodes.set(name, { ...nodes.get(name), ...node });
   const box = graph.boxOf(name);
   if (box === undefined) return;
@@ -382,7 +382,7 @@ function factNodes(fact) {
   return [bars, `${factNodes(from)} to ${factNodes(to)}`];
 }
 
-/** The facts of a value are requested when it has not changed for this time, in milliseconds. */
+/** The facts of a value are requested when the value has not changed for this time, in milliseconds. */
 const FACTS_DELAY = 300;
 
 let factsTimer = 0;

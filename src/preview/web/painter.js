@@ -155,7 +155,7 @@ const MARGIN_COLOR = [24, 26, 32];
 /** The number of isolines over a range. */
 export const STEPS = 12;
 
-/** Edges are opaque if faces are this many pixels wide. Edges of smaller faces are fainter, with this minimum opacity. */
+/** The width of faces in pixels at which their edges become opaque, and the minimum opacity of the fainter edges of smaller faces. */
 const [FULL_WIDTH, MIN_OPACITY] = [8, 0.06];
 
 /** The maximum number of normals that are drawn. */

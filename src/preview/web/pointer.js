@@ -24,7 +24,7 @@ export class Pointer {
     this.next = null;
     this.isOver = false;
     for (const surface of [viewer.canvas, viewer.picture]) this.#listen(surface);
-    // On the document, so that keys work before the viewer has the focus.
+    // Listen on the document, so that keys work before the viewer has the focus.
     document.addEventListener("keydown", (event) => this.#key(event));
   }
 
@@ -199,7 +199,7 @@ export class Pointer {
     const question = this.#question(event);
     const answer = question && (await this.viewer.query(question));
     if (this.viewer.wanting !== wanting) return;
-    // On a mesh, these are the color and the pixel of its texture.
+    // For a mesh, the answer contains the color and the pixel of the mesh's texture.
     const pixel = question?.ask === "probe" ? question.at : answer?.pixel;
     const color = question?.ask === "probe" ? colorOf(answer?.facts) : answer?.color;
     const found = { color, pixel, place: answer?.at }[wanting.kind];

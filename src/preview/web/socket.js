@@ -18,7 +18,7 @@ function token() {
 }
 
 /**
- * Reloads the page if the program that runs now has another version of it. The view is kept, since it is part of the address. Each
+ * Reloads the page if the program that runs now has another version of the page. The view is kept, since it is part of the address. Each
  * version causes at most one reload.
  * @param {string} [now] the version of the program's page
  */

@@ -11,7 +11,7 @@ import { Tools } from "./tools.js";
 /** @typedef {import("./types").Viewed} Viewed */
 /** @typedef {import("./types").Value} Value */
 
-/** The view of one output: its latest value, and the latest one that is ready to be drawn. */
+/** The view of one output: its latest value, and its latest value that is ready to be drawn. */
 export class Pane {
   /** @param {Viewed | null} viewed */
   constructor(viewed) {
@@ -50,7 +50,7 @@ export class Viewer {
     this.main = new Pane(null);
     /** @type {Pane | null} */
     this.pinned = null;
-    /** The position of the wipe between both panes, 0 at the left to 1; null if they are side by side. @type {number | null} */
+    /** The position of the wipe between both panes, from 0 (left) to 1; null if the panes are side by side. @type {number | null} */
     this.wipe = null;
     this.run = 0;
     this.camera = new Camera();
@@ -87,7 +87,7 @@ export class Viewer {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
   }
 
-  /** The element that takes the input. */
+  /** The element that receives mouse, touch and keyboard input. */
   get surface() {
     return this.painter === null ? this.picture : this.canvas;
   }
@@ -173,7 +173,7 @@ export class Viewer {
     if (hash !== location.hash) history.replaceState(null, "", hash);
   }
 
-  /** Sends the viewed outputs, after a change and to a server that was restarted. */
+  /** Tells the server which outputs are viewed. Called after these have changed, and after the server was restarted. */
   askAgain() {
     this.ask(this.panes.filter((pane) => !pane.held).flatMap((pane) => pane.viewed ?? []));
   }
@@ -220,7 +220,7 @@ export class Viewer {
         const columns = take();
         again = columns === null || pane.value !== value || JSON.stringify(look) !== JSON.stringify(this.look);
         if (columns === null) {
-          // The base of a change is gone: request whole columns.
+          // The old column to which a change applies is gone: request whole columns.
           pane.scene = null;
           continue;
         }
@@ -236,14 +236,14 @@ export class Viewer {
         this.redraw();
       }
     } catch {
-      // The server is gone, or has another value by now, whose message will follow.
+      // Ignore the error: the server is gone, or it has a newer value and will send a message about that.
     } finally {
       pane.loading = false;
     }
   }
 
   /**
-   * Fits the camera to a new value unless it sees it well already. The camera stays when the same output changes.
+   * Fits the camera to a new value unless the value is well visible already. The camera stays when the same output changes.
    * @param {Scene} scene
    * @param {boolean} isNew true for the first scene of a pane
    */
@@ -348,7 +348,7 @@ export class Viewer {
     return [width, height];
   }
 
-  /** Fits a camera that was fitted to the value again, after a change of the view's size. */
+  /** Called after the size of the view has changed. If the camera was fitted to the value, fits it again. */
   #refit() {
     const space = this.main.scene?.space;
     if (space && this.camera.fits) this.camera.fit(space, ...this.room);
@@ -356,7 +356,7 @@ export class Viewer {
 
   #resized() {
     this.#refit();
-    // A canvas is cleared when its size changes.
+    // Draw at once, because a canvas is cleared when its size changes.
     if (this.painter !== null) this.#draw();
     this.redraw();
   }
@@ -436,7 +436,7 @@ export class Viewer {
   }
 
   /**
-   * Loads one picture at a time, then the last one that was requested meanwhile.
+   * Loads a picture. Of the pictures that are requested during the loading, only the last one is loaded next.
    * @param {string} source
    */
   #loadPicture(source) {

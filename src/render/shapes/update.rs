@@ -31,7 +31,7 @@ impl Shape {
         let moved =
             mesh.moved_since(&self.mesh).filter(|_| mesh.materials() == self.mesh.materials())?;
         let count = mesh.positions().len();
-        // If most vertices have moved, an update is as slow as building the shape again.
+        // Give up if most vertices have moved: an update would be as slow as building the shape again.
         if 2 * moved.vertices.iter().map(ExactSizeIterator::len).sum::<usize>() > count {
             return None;
         }
@@ -46,7 +46,7 @@ impl Shape {
                 !mesh.face_triangles(face).eq(self.mesh.face_triangles(face))
             })
             .collect();
-        // If the faces differ in their numbers of corners, the index of a triangle does not tell its face.
+        // Give up: if the faces differ in their numbers of corners, the face of a triangle cannot be computed from the triangle's index.
         if !recut.is_empty() && mesh.faces().sides().is_none() {
             return None;
         }
@@ -57,7 +57,8 @@ impl Shape {
             bent.sort_unstable();
         }
         let (paint, normals) = (Paint::new(mesh), Normals::new(mesh));
-        // If the faces differ in their numbers of corners, there are no leaning triangles here. So the list of triangles is not needed.
+        // Leave out the list of triangles. It exists only if the faces differ in their numbers of corners, and then there are no leaning
+        // triangles here.
         let cut = Triangulation { mesh, listed: None, bent };
         let turned = match (&self.computed, normals.computed_normals()) {
             (Some(before), Some(now)) => now.changed_rows(before)?,

@@ -23,7 +23,7 @@ pub struct Diagnosis {
     pub bytes: u64,
     /// The faults that were found, sorted by path.
     pub faults: Vec<CacheFault>,
-    /// Files and folders in the cache folder that are not part of the cache. They are not touched.
+    /// Files and folders in the cache folder that are not part of the cache. The check does not change them.
     pub foreign: Vec<PathBuf>,
 }
 

@@ -80,7 +80,8 @@ fn header(bytes: &[u8]) -> Option<(Header, usize)> {
     Some((serde_json::from_slice(header).ok()?, start))
 }
 
-/// Returns the node type that an entry file names, and the hashes of the columns that the entry uses. Reads only the header.
+/// Returns the type of the node whose result an entry file stores, and the hashes of the columns that the entry uses. Reads only the header
+/// of the file. Returns `None` if the header cannot be read.
 pub(super) fn summary(path: &Path) -> Option<(String, Vec<Hash>)> {
     let mut file = fs::open_no_follow(path).ok()?;
     let mut start = [0; MAGIC.len() + size_of::<u64>()];

@@ -17,7 +17,7 @@ use super::Store;
 #[derive(Serialize, Deserialize)]
 struct Record {
     version: u32,
-    /// The path of the graph file.
+    /// The absolute path of the graph file. `None` if the path is not valid Unicode, or if an old version of the program wrote the record.
     #[serde(default)]
     graph: Option<String>,
     /// The hash of the graph's structure (its nodes and links).
@@ -67,7 +67,8 @@ pub(super) fn write(snapshot: &Snapshot, files: &[KnownFile]) -> Vec<u8> {
 /// The key of a result, with the name and the type of the node that computed it.
 pub(super) type ResultOwner = (Hash, String, String);
 
-/// Returns the path of the graph file, if the record contains it, and the last results of the graph's nodes.
+/// Returns the path of the graph file (`None` if the record does not contain it), and the owners of the last results of the graph's nodes.
+/// Returns `None` if the bytes are not a record.
 pub(super) fn read_owners(bytes: &[u8]) -> Option<(Option<PathBuf>, Vec<ResultOwner>)> {
     let record: Record = serde_json::from_slice(bytes).ok()?;
     let nodes = record.nodes.into_iter().filter_map(|node| {

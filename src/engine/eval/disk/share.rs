@@ -55,20 +55,22 @@ impl Disk {
         Ok((address.to_string(), check_server(&address)))
     }
 
-    /// Fetches the result with this key, which another machine computed, and writes it to the cache folder.
+    /// Fetches the result with this key, which another machine computed, and writes it to the cache folder. Returns `None` if the server
+    /// does not provide the result.
     pub(in super::super) fn fetch(&self, key: Hash) -> Option<Outcome> {
         self.store.fetch_entry(key).map(Entry::outcome)
     }
 }
 
-/// Parses the address of a server and reads the credentials for it.
+/// Parses the address of a server and reads the credentials for that server.
 fn address(server: &str) -> Result<Address, String> {
     let token = std::env::var(TOKEN).ok().filter(|token| !token.is_empty());
     Address::parse(server, token.as_deref())
 }
 
 impl Store {
-    /// Returns the server, or `None` if results from it cannot be written to the cache folder.
+    /// Returns the server. Returns `None` if no server is used, or if an error prevents writing of the server's results to the cache
+    /// folder.
     fn remote(&self) -> Option<&Remote> {
         self.remote.get().filter(|_| self.write_error.get().is_none())
     }

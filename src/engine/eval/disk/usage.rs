@@ -121,7 +121,8 @@ impl Disk {
 }
 
 impl Store {
-    /// Applies the size limit of the cache. Does so at most once an hour, unless much has been written since.
+    /// Applies the size limit of the cache. Does so at most once an hour, or earlier if this process has written more than 1/32 of the
+    /// limit since.
     pub(super) fn tidy(&self) {
         let written = self.written.swap(0, Ordering::Relaxed);
         let stamp = self.folder.join(PROGRAMS).join(TIDIED);

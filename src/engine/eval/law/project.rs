@@ -130,7 +130,7 @@ impl Project {
         self.nodes.insert(at, Node { name, kind, number, links, uses_other_outputs: false });
     }
 
-    /// Removes a node. Links to the node are redirected to the node before it.
+    /// Removes a node. Links to the removed node are redirected to the node before it in the graph.
     fn remove(&mut self, at: usize) {
         self.nodes.remove(at);
         for node in &mut self.nodes[at..] {
@@ -141,7 +141,7 @@ impl Project {
         }
     }
 
-    /// Swaps a node with the node after it, unless the later one depends on the first.
+    /// Swaps a node with the next node in the graph. Does nothing if the next node depends on the first one.
     fn swap(&mut self, at: usize) {
         if at + 1 < self.nodes.len() && !self.nodes[at + 1].links.contains(&at) {
             self.nodes.swap(at, at + 1);
@@ -201,7 +201,7 @@ impl Project {
                 }
                 _ => "",
             };
-            // Use only the first element of a list.
+            // If the linked node has a list as its result, link to the first element of the list.
             let element = if to.kind == Kind::Each && !to.links.is_empty() { "/1" } else { "" };
             Some(format!("\"{}{element}{output}\"", to.name))
         };

@@ -22,7 +22,7 @@ macro_rules! promise {
 
 pub(super) use promise;
 
-/// Checks that everything that an evaluation returns is right. If it was not cancelled, also checks that nothing is missing.
+/// Checks that everything that an evaluation returns is right. If the evaluation was not cancelled, also checks that nothing is missing.
 pub(super) fn agree(
     graph: &Graph,
     truths: &[Truth],
