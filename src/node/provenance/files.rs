@@ -22,8 +22,9 @@ pub enum EmbeddedProvenance {
     Hash(String),
 }
 
-/// Adds the provenance to a file with this extension, or only its hash if the format has little space. Files of other formats are not
-/// changed: PTX has a fixed structure of lines, and other programs misread or reject comments in XYZ files.
+/// Adds the provenance to the bytes of a file with the extension `ending`, or only the hash of the provenance if the format has little
+/// space. Files of other formats are not changed: PTX has a fixed structure of lines, and other programs misread or reject comments in XYZ
+/// files.
 #[doc(hidden)]
 pub fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }: &Signature) {
     let signed = match ending {
