@@ -12,7 +12,7 @@ pub(crate) struct Condition<'t> {
 }
 
 impl<'t> Condition<'t> {
-    /// Parses a condition. It may contain the names of the columns `known`. `what` describes what has these columns, for error messages.
+    /// Parses a condition. It may contain the names of the columns `known`. `what` describes the owner of these columns in error messages.
     ///
     /// # Errors
     /// A message if the text is not a condition, or contains the name of an unknown column.

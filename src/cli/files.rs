@@ -10,9 +10,8 @@ use maquette_graph::{LOCK_ENDING, PINS_ENDING};
 use super::serve::LAYOUT_ENDING;
 
 /// Returns the files that some paths select, and the folders that could not be read. A folder selects all `.ron` files in it and its
-/// subfolders, sorted by name, except those in hidden folders. Companion files of graphs ([`is_companion`]) are skipped, unless the only
-/// path is such a file.
-/// the only path.
+/// subfolders, sorted by name, except those in hidden folders. Companion files of graphs ([`is_companion`]) are skipped, unless a companion
+/// file is the only path.
 pub(super) fn find_files(paths: &[PathBuf]) -> (Vec<PathBuf>, Vec<(PathBuf, io::Error)>) {
     let (mut files, mut unread) = (Vec::new(), Vec::new());
     for path in filter_paths(paths, is_companion) {

@@ -299,8 +299,8 @@ impl Inspect {
         }
     }
 
-    /// Returns the output of the graph that the argument `node` names. If an output of a node has the same name, that one is meant, and
-    /// `None` is returned.
+    /// Returns the output of the graph that the argument `node` names. Returns `None` if the graph has no output of this name, or if an
+    /// output of a node has the same name and takes precedence.
     fn file<'g>(&self, graph: &'g Graph) -> Option<&'g GraphOutput> {
         let (name, output) = self.node().split_once('.')?;
         let mut used = graph.uses().iter().filter(|given| given.name == name);
@@ -322,7 +322,7 @@ impl Inspect {
         };
         let outputs: Vec<NamedTarget> = match graph.find(name) {
             Some(node) => {
-                // Number the outputs of a `ForEach` over data in messages, because they are its elements.
+                // Number the outputs of a `ForEach` over data in messages, because each output is one element.
                 let is_numbered = graph.nodes()[node].kind() == ELEMENTS;
                 let names = graph.nodes()[node].outputs.iter().enumerate();
                 names.map(|(k, name)| (output_label(name, k, is_numbered), (node, k))).collect()
@@ -459,8 +459,8 @@ fn output_label(name: &str, index: usize, is_numbered: bool) -> String {
     if is_numbered { format!("{name} {}", index + 1) } else { name.to_owned() }
 }
 
-/// Returns the first value that can be written to a file with this extension. If there is none, returns a message with the possible
-/// extensions.
+/// Returns the first value that can be written to a file with this extension. If no value can, the error is a message with the extensions
+/// to which the values can be written.
 fn choose_written<'v>(
     node: &str,
     found: &[(&'v str, &'v AnyValue)],
@@ -492,7 +492,7 @@ fn choose_written<'v>(
     Err(Vec::from_iter(can).join("; "))
 }
 
-/// Returns true if the value has no colors of its own, so that it is displayed in false colors.
+/// Returns true if a picture displays the value in false colors, because the value itself has no colors.
 fn is_drawn(value: &AnyValue) -> bool {
     first_picture(value).is_some_and(|picture| picture.has_false_colors)
 }
@@ -506,7 +506,7 @@ fn is_best_seen(value: &AnyValue) -> bool {
     }
 }
 
-/// Writes all files. If one of them must not be written, for instance because it would overwrite an input, none is written.
+/// Writes all files, or none if one of them must not be written, for instance because it would overwrite an input.
 fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path, sources: &Sources) -> Exit {
     fn write_error(path: &Path, why: &dyn std::fmt::Display) -> Exit {
         Exit::Usage(format!("cannot write {}: {why}", path.for_display()))

@@ -226,7 +226,7 @@ fn confirm() -> bool {
     }
     print("accept the changes? [y/N] ");
     let mut answer = String::new();
-    // Ignore an error: the answer stays empty, which means no.
+    // Ignore an error: the answer then stays empty, which counts as "no".
     let _ = stdin.lock().read_line(&mut answer);
     matches!(answer.trim(), "y" | "Y" | "yes")
 }

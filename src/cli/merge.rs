@@ -41,7 +41,8 @@ impl Merge {
                     return Exit::Usage(format!("cannot read {}: {error}", file.for_display()));
                 }
             };
-            // Name the version instead of the file, because git passes temporary files with meaningless names.
+            // In messages, name the version instead of the file, because git passes temporary files with meaningless
+            // names.
             let name = match &self.path {
                 Some(path) => format!("{} ({side})", path.for_display()).into(),
                 None => file.clone(),

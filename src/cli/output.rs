@@ -180,7 +180,8 @@ pub(crate) fn put_problems(document: &mut serde_json::Value, diagnostics: &[Diag
     }
 }
 
-/// Returns the width of a table column for names of these lengths. It is limited to 200, which very long names exceed.
+/// Returns the width of a table column for names of these lengths: the largest length, but at most 200. Longer names extend beyond the
+/// column.
 pub(crate) fn column_width(lengths: impl Iterator<Item = usize>) -> usize {
     lengths.max().unwrap_or(0).min(200)
 }

@@ -156,7 +156,7 @@ fn wrap_line(line: &str, width: usize) -> Vec<String> {
     rows
 }
 
-/// Ends the color of a row, and begins the next row with it.
+/// Begins a new row in the color `style`, after resetting the color at the end of the previous row. An empty `style` means no color.
 fn new_row(rows: &mut Vec<String>, style: &str) {
     if !style.is_empty() {
         rows.last_mut().expect("there is a row").push_str("\x1b[0m");

@@ -90,7 +90,7 @@ impl Test {
                 Err(_) => file,
             }));
         }
-        // A test file may be selected both by one of its graphs and by its own path. Then it is run for all of its graphs.
+        // A test file may be selected both by one of its graphs and by its own path. Then run the test file for all of its graphs.
         graphs.retain(|test, _| !files.contains(test));
         files.extend(graphs.keys().cloned());
         files.sort();
@@ -209,7 +209,7 @@ impl Test {
                 all = false;
                 continue;
             }
-            // Keep the reasons of the old golden if the value is the same and only the way in which it is stored has changed.
+            // Keep the reasons stored with the old golden if the value is the same and only its encoding has changed.
             let same = output.comparison.verdict == Verdict::Identical;
             let before = output.golden.as_ref().ok().filter(|_| same).map(Golden::reasons);
             let why = before.unwrap_or_else(|| why.clone());
@@ -359,7 +359,8 @@ fn first_reason(output: &OutputComparison) -> String {
     main_reasons(output).swap_remove(0)
 }
 
-/// Returns the first file at or below a path that has uncommitted changes. Returns `None` if there is none, or if git is not installed.
+/// Returns the first file with uncommitted changes in git, at or below a path. Returns `None` if no file has such changes, or if git is not
+/// installed.
 fn find_uncommitted_change(path: &Path) -> Option<String> {
     let folder = path.ancestors().find(|folder| folder.is_dir() && !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
@@ -373,7 +374,7 @@ fn find_uncommitted_change(path: &Path) -> Option<String> {
     text.lines().next().map(|line| line.get(3..).unwrap_or(line).to_owned())
 }
 
-/// Returns the message about tests that could not run, or `None` if all could.
+/// Returns the message about tests that could not run. Returns `None` if all tests could run.
 fn broken_message(report: &Report) -> Option<String> {
     let broken = report.count(|case| case.state == State::Broken) + report.broken_files();
     (broken > 0).then(|| format!("{} could not run", format_count(broken, "test")))
@@ -387,12 +388,12 @@ fn exit_code(report: &Report) -> Exit {
     }
 }
 
-/// The diagnostics that have already been reported. The cases of one graph often have the same ones.
+/// The diagnostics that have already been reported. Several cases of one graph often have the same diagnostics.
 #[derive(Default)]
 struct ReportedDiagnostics(Vec<Diagnostic>);
 
 impl ReportedDiagnostics {
-    /// Reports those diagnostics of a case that are new, and the number of the others.
+    /// Reports the diagnostics of a case that have not been reported yet, and the number of those that have.
     fn report(&mut self, case: &Case) {
         let diagnostics =
             case.diagnostics.iter().chain(case.violations.iter().map(|v| &v.diagnostic));

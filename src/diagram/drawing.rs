@@ -113,7 +113,8 @@ impl Drawing {
             let (name, kind, outputs) = describe_box(graph, part);
             let node = Some(NodeBlock { kind, pack: pack.unwrap_or_default() });
             let at = Some(place(graph, part));
-            // An element of a `ForEach` over a list, such as `copies/1`, has the drafts of the `ForEach`, `copies`.
+            // The box of one element of a `ForEach` over a list, such as `copies/1`, gets the draft fields of the whole `ForEach`, here
+            // `copies`.
             let drafts = drafts.get(name.split('/').next().unwrap_or_default());
             let drafts = drafts.cloned().unwrap_or_default();
             drawing.boxes.push(Block { name, node, inputs, outputs, at, drafts });
@@ -143,13 +144,14 @@ impl Drawing {
 /// Maximum number of elements for which a `ForEach` over data is drawn with one box per element.
 pub(crate) const MAX_ELEMENTS: usize = 50;
 
-/// The name in the list of packs for graphs that are used as nodes.
+/// The name under which the list of packs contains all graphs that are used as nodes.
 pub(crate) const GRAPHS: &str = "graphs";
 
 /// The content of a box: a node, or a used graph with all its nodes.
 pub enum BoxContent<'g> {
     Node(usize),
-    /// A node of the graph file that was replaced by several nodes, such as a used graph, and the index of the first of them.
+    /// A node of the graph file that stands for several nodes of the graph, such as a used graph. The number is the index of the first of
+    /// these nodes.
     Use(&'g GraphUse, usize),
 }
 
@@ -231,8 +233,8 @@ pub(crate) fn sources(
             }
             BoxContent::Use(given, _) => {
                 for (output, (_, targets)) in given.outputs.iter().enumerate() {
-                    // A used graph may return one of its inputs unchanged. A link to that output is drawn from the box that computes the
-                    // value.
+                    // A used graph may return one of its inputs unchanged. Then draw links to this output from the box that computes the
+                    // value of the input.
                     for target in targets {
                         sources.entry(*target).or_insert([index, output]);
                     }

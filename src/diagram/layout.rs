@@ -322,8 +322,8 @@ impl Order {
         self.places[slot] as f64 + below / (layout.slots[slot].height + 1.0)
     }
 
-    /// Sorts a column by the mean positions of the neighbors in the left column, or in the right column if `left` is false. Slots without
-    /// such neighbors keep their positions.
+    /// Sorts the slots of a column by the mean position of each slot's neighbors in one adjacent column: the left one if `left` is true,
+    /// else the right one. A slot without neighbors in that column is sorted by its own present position.
     fn sort(&mut self, column: usize, layout: &Layout, left: bool) {
         let mean = |slot: usize| {
             let segments = if left { &self.before[slot] } else { &self.behind[slot] };
@@ -363,7 +363,7 @@ impl Order {
     }
 }
 
-/// Counts the inversions among pairs of numbers: two pairs whose first numbers are in the opposite order to their second numbers.
+/// Counts the inversions among pairs of numbers. An inversion consists of two pairs (a, b) and (c, d) with a < c and b > d.
 fn inversions(mut pairs: Vec<(f64, f64)>) -> usize {
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     // The second numbers of the pairs visited so far, in ascending order.

@@ -41,8 +41,8 @@ impl Server {
             let (problems, _) =
                 kind.diagnostics(&subject.path, text.to_owned(), &self.catalog, &subject.options);
             let library = self.library(&subject.path, &subject.options);
-            // Offer a text for a missing field only if it reduces the number of errors. For example, a link that would cause a cycle does
-            // not.
+            // Offer a text for a missing field only if it reduces the number of errors. For example, do not offer a link that would cause a
+            // cycle.
             fn errors(all: &[Diagnostic]) -> usize {
                 all.iter().filter(|problem| problem.severity == Severity::Error).count()
             }

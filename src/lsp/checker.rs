@@ -39,7 +39,8 @@ pub(super) enum Job {
         uris: HashMap<PathBuf, Vec<Uri>>,
         options: Options,
     },
-    /// The diagnostics that a run of the graph `path` has found, and the text that was run. They are published until the text changes.
+    /// The diagnostics that a run of the graph `path` has found, and the text that was run. These diagnostics are published until the text
+    /// of the graph changes.
     Found { path: PathBuf, text: Arc<str>, diagnostics: FileDiagnostics },
 }
 
@@ -52,7 +53,7 @@ pub(super) struct Checker {
     sender: crossbeam_channel::Sender<Message>,
     /// The URIs for which the editor has received diagnostics.
     reported: BTreeSet<String>,
-    /// The diagnostics found by runs, by the path of the graph. The text is the one that was run.
+    /// The diagnostics found by runs, by the path of the graph, each with the text of the graph that was run.
     found: BTreeMap<PathBuf, (Arc<str>, FileDiagnostics)>,
     watcher: Watcher,
 }
@@ -186,7 +187,7 @@ fn problems(
     (problems, files)
 }
 
-/// Returns the files of a graph and the files that it reads. Missing files are included.
+/// Returns the files that a graph reads, and the files of the graphs that it uses. Missing files are included.
 fn read_by(checked: &CheckedGraph) -> BTreeSet<PathBuf> {
     let files = checked.files.iter().map(|file| file.path.clone());
     files.chain(checked.subgraphs.iter().cloned()).collect()

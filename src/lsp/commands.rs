@@ -2,7 +2,8 @@
 //! the server.
 //!
 //! A command runs in the folder of the project and uses the saved files. The server itself evaluates nothing. The shapes, times and sizes
-//! that it shows come from the record that every evaluation writes to disk (`last_run`). A forecast decides which of them are still valid.
+//! that it shows come from the record that every evaluation writes to disk (`last_run`). A forecast decides which of these results are
+//! still valid.
 
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
@@ -121,7 +122,7 @@ impl Commands {
         }
     }
 
-    /// Stops the process that would answer the request `id`, and answers that the request was cancelled.
+    /// Stops the process whose result would be the answer to the request `id`. Answers instead that the request was cancelled.
     pub(super) fn cancel_request(&self, id: &RequestId) {
         let mut running = lock(&self.running);
         let token = running.iter().find(|(_, it)| it.id == *id).map(|(token, _)| token.clone());
@@ -274,7 +275,7 @@ impl Commands {
             }
             let error = std::thread::spawn(move || read_stream(err));
             let (out, error) = (read_stream(out), error.join().unwrap_or_default());
-            // If the process is missing from the list, it was cancelled and the request is already answered.
+            // If the process is missing from the list of running processes, it was cancelled and its request is already answered.
             let running = lock(&running).remove(&token);
             let is_cancelled = running.is_none();
             running.into_iter().for_each(|mut it| drop(it.child.wait()));

@@ -75,9 +75,9 @@ fn is_text(cursor: &Cursor) -> bool {
     cursor.typed.kind == TypedKind::Text
 }
 
-/// Returns the span of text that a proposal replaces. This is the word or string at the cursor. In an expression (a string), it is the word
-/// at the cursor. If the string has no end on this line, it is the part before the cursor. Returns `None` in a comment, and in a string
-/// that begins on an earlier line.
+/// Returns the span of text that a proposal replaces. This is the word or string at the cursor, but only the word at the cursor if the
+/// string is an expression. If the string does not end on the line of the cursor, this is only its part before the cursor. Returns `None`
+/// in a comment, and in a string that begins on an earlier line.
 fn replacement_span(text: &str, cursor: &Cursor, slot: &ExpectedSyntax, at: usize) -> Option<Span> {
     let Span { start, end } = cursor.typed.span;
     match cursor.typed.kind {
@@ -113,7 +113,7 @@ fn rank(list: &mut Vec<Proposal>, typed: &str) {
             None => is_described_with(it, typed).then_some(3),
         }
     }
-    // Drop labels with a line break, which come from a string without an end.
+    // Drop labels with a line break: they are parts of a string whose closing quote is missing.
     list.retain(|it| distance(it, &typed).is_some() && !it.label.contains(['\n', '\r']));
     list.sort_by_cached_key(|proposal| (distance(proposal, &typed), proposal.rank));
     let mut seen = BTreeSet::new();
@@ -123,7 +123,7 @@ fn rank(list: &mut Vec<Proposal>, typed: &str) {
 /// Returns true if the description of a node contains a word that begins with the typed text. So users find a node by the term of another
 /// program: for example, "decimate" finds `Simplify`.
 fn is_described_with(it: &Proposal, typed: &str) -> bool {
-    // Shorter texts would match most descriptions.
+    // Minimum length of the typed text. Shorter texts would match most descriptions.
     const MIN_LETTERS: usize = 4;
     let is_meant = it.kind == ProposalKind::Node && MIN_LETTERS <= typed.chars().count();
     is_meant

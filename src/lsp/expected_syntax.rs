@@ -63,7 +63,7 @@ pub(super) enum Keys {
     Own,
     /// Names of the program's packs.
     Packs,
-    /// Names of outputs of this graph.
+    /// Names of outputs of the graph in this file.
     Outputs,
     /// Names that are declared in the graph that this file patches or tests: its parameters, nodes, inputs or outputs.
     TargetParams,
@@ -241,7 +241,7 @@ impl SyntaxResolver<'_> {
         }
     }
 
-    /// Does the work of `content_of` for a bracket that is part of a value with a JSON schema.
+    /// Returns the same as `content_of`, for a bracket that is part of a value with a JSON schema.
     fn value(
         &self,
         schema: &Json,
@@ -278,7 +278,8 @@ impl SyntaxResolver<'_> {
         }
     }
 
-    /// Returns the kind of value that belongs to a map key, or `None` if all keys have values of the same kind.
+    /// Returns the kind of value that belongs to the map key `key`. Returns `None` if all keys of the map have values of the same kind, or
+    /// if the key is unknown.
     fn value_of(&self, keys: Keys, key: &str) -> Option<ExpectedSyntax> {
         if !matches!(keys, Keys::TargetParams | Keys::TargetNodes | Keys::TargetValues) {
             return None;

@@ -64,7 +64,7 @@ impl Hover<'_> {
         }
     }
 
-    /// Describes a name that the file declares, such as the name of a node or parameter.
+    /// Describes a name that the file declares, such as the name of a node or parameter. Returns `None` for any other word.
     fn key(&self) -> Option<String> {
         let section = self.cursor.frames.get(1).filter(|_| self.cursor.frames.len() == 2);
         section?;

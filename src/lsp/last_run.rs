@@ -31,8 +31,8 @@ impl LastRun {
         Self { graph: Some(graph), results }
     }
 
-    /// Returns the summary for a link or a node name. For a node that uses another graph, the time and size are totals of that graph's
-    /// nodes.
+    /// Returns the summary of the result of a link or a node name, or `None` if nothing is known. For a node that uses another graph, the
+    /// time and size are totals over that graph's nodes.
     pub(super) fn summary(&self, link: &str) -> Option<ResultSummary> {
         let graph = self.graph.as_ref()?;
         let name = link.split('.').next()?;

@@ -32,7 +32,7 @@ pub(super) struct NodeKind {
     pub(super) file: Option<PathBuf>,
 }
 
-/// The graph that a patch or test file is about.
+/// The graph that a patch file changes, or that a test file tests.
 pub(super) struct TargetGraph {
     path: PathBuf,
     pub(super) scope: Scope,
@@ -86,7 +86,7 @@ impl<'a> Library<'a> {
         let used = scope.uses.iter().find(|used| used.name.text == name)?;
         let file = self.resolve(&used.kind);
         let (graphs, _) = Graph::subgraphs(&file, self.catalog, self.options);
-        // The first graph is the one that the file as a whole defines, if other files can use it.
+        // If other files can use the file as a graph, the first item is that graph.
         let graph = graphs.into_iter().next().filter(|graph| Path::new(&graph.file) == file)?;
         let described = graph.description();
         Some(NodeKind {
@@ -99,7 +99,8 @@ impl<'a> Library<'a> {
         })
     }
 
-    /// Returns the graph that this patch or test is about. If it is about a patch, follows that patch to its graph.
+    /// Returns the graph that this patch changes or this test tests. If the file names another patch instead of a graph, returns the graph
+    /// that this other patch changes.
     pub(super) fn target(&self, scope: &Scope) -> Option<Rc<TargetGraph>> {
         if let Some(known) = &*self.about.borrow() {
             return known.clone();
@@ -263,7 +264,7 @@ impl<'a> Library<'a> {
         ExpectedSyntax::Group(fields)
     }
 
-    /// Returns the syntax of a list of expectations, which are about outputs or links.
+    /// Returns the syntax of a list of expectations. Each expectation is about an output or a link.
     fn expectations(&self) -> ExpectedSyntax {
         let mut schema =
             serde_json::to_value(schemars::schema_for!(Expectation)).unwrap_or_default();
@@ -390,14 +391,15 @@ fn units() -> ExpectedSyntax {
 }
 
 impl TargetGraph {
-    /// Returns the kind of value of a parameter of the graph.
+    /// Returns the kind of value of the graph's parameter `name`. Returns `None` if the graph has no such parameter, or if it has errors.
     pub(super) fn parameter(&self, name: &str) -> Option<ExpectedSyntax> {
         let schema = self.schema.as_ref()?;
         let field = schema.get("properties")?.get(name)?;
         Some(slot_of(field, schema))
     }
 
-    /// Returns the fields of a node of the graph, as the kind of value that they form together.
+    /// Returns the syntax of all fields together of the graph's node `name`. Returns `None` if there is no such node, or if its type is
+    /// unknown.
     pub(super) fn node(&self, library: &Library<'_>, name: &str) -> Option<ExpectedSyntax> {
         let node = self.scope.node(name)?;
         let inner = Library::new(library.catalog, &self.path, library.options);

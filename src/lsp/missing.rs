@@ -15,8 +15,8 @@ const MAX_OFFERED: usize = 5;
 const MAX_TRIED: usize = 20;
 
 /// Returns texts that add the field which a diagnostic reports as missing, and where to insert them. The most likely text comes first. Each
-/// is tested: `is_right` gets the file with the text inserted. If no link fits a missing port, the port gets an empty link that the user
-/// can complete.
+/// text is tested: `is_right` is called with the content of the file after the insertion. If no link fits a missing port, the port gets an
+/// empty link that the user can complete.
 pub(super) fn additions(
     library: &Library<'_>,
     problem: &Diagnostic,

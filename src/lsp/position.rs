@@ -135,7 +135,7 @@ impl<'t> Lines<'t> {
     /// Returns the edit that changes this text to `new`, or `None` if they are equal. The edit leaves out the common start and end, and
     /// keeps the line endings of this text.
     pub(super) fn difference(&self, new: &str) -> Option<TextEdit> {
-        // Keep the line endings of `new` if this text has none.
+        // If this text has no line endings, keep those of `new`; otherwise convert them.
         let has_ends = self.text.contains(['\n', '\r']) && LineEnding::detect(self.text).is_some();
         let alike = has_ends.then(|| self.with_ends(new));
         let new = alike.as_deref().unwrap_or(new);

@@ -46,7 +46,7 @@ fn start_time(id: u32) -> Option<String> {
     is_there.then(String::new)
 }
 
-/// Returns `None`, because this system is not supported. The server ends only when stdin ends.
+/// Returns `None`, because start times are not available on this system. The server then ends only when stdin ends.
 #[cfg(not(unix))]
 fn start_time(_: u32) -> Option<String> {
     None

@@ -193,7 +193,7 @@ impl Project {
             texts.insert(file.clone(), text);
         }
         // A `ForEach` that carries values from one element to the next connects an output to the input with the same name. So renaming only
-        // one of the two causes errors.
+        // one of the two causes errors, which the error message explains.
         let other = match symbol.sort {
             SymbolSort::Node => Some(SymbolSort::Output),
             SymbolSort::Output => Some(SymbolSort::Node),
@@ -246,8 +246,8 @@ fn may_have(symbol: &Symbol, to: &str) -> Result<(), String> {
     }
 }
 
-/// Returns the layout file of a graph, which stores the positions of its nodes in the diagram, and the spans of a node's name in that file.
-/// A pinned node is an error.
+/// Returns the path of a graph's layout file, and the spans in it that contain a node's name. The layout file stores the positions of nodes
+/// in the diagram. Returns an error message if the node is pinned.
 fn layout_file_spans(symbol: &Symbol, options: &Options) -> Result<(PathBuf, Vec<Span>), String> {
     fn keys(path: &Path, options: &Options, symbol_name: &str) -> Vec<Span> {
         let mut found = Vec::new();
@@ -274,7 +274,7 @@ fn layout_file_spans(symbol: &Symbol, options: &Options) -> Result<(PathBuf, Vec
     Ok((layout, found))
 }
 
-/// Checks that the new texts have no errors besides those that the old texts have.
+/// Checks that the new texts of changed files have no errors that the old texts do not have.
 fn no_new_problems(texts: &Texts, catalog: &Catalog, options: &Options) -> Result<(), String> {
     fn errors(options: &Options, path: &Path, catalog: &Catalog) -> Vec<Diagnostic> {
         let text = options.text(path).unwrap_or_default();

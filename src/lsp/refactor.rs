@@ -63,8 +63,8 @@ impl Server {
         found
     }
 
-    /// Returns the code action for a refactoring. If the editor can resolve actions later, the action has no edits yet. Otherwise the edits
-    /// are computed now, but only if `is_wanted` is true. Returns `None` if it is false or the refactoring is impossible.
+    /// Returns the code action for a refactoring. If the editor can resolve actions later, the action has no edits yet. For other editors,
+    /// the action includes its edits. For these, returns `None` if `is_wanted` is false or the refactoring is impossible.
     pub(super) fn refactor(&mut self, action: &Refactor, is_wanted: bool) -> Option<Json> {
         let json = json!({ "title": action.title(), "kind": action.kind(), "data": action });
         match self.client.resolves_actions {

@@ -46,10 +46,11 @@ pub(super) fn selection(lines: &Lines<'_>, at: usize) -> Json {
     found
 }
 
-/// Returns the formatted lines that replace the lines of `span`, and the span of the old lines. `old` and `new` are the whole text before
-/// and after formatting. Returns `None` if the change cannot be limited to these lines.
+/// Returns the span of the old lines that contain `span`, and the formatted lines that replace them. `old` and `new` are the whole text
+/// before and after formatting. Returns `None` if the change cannot be limited to these lines.
 pub(super) fn formatted_lines(old: &str, new: &str, span: Span) -> Option<(Span, String)> {
-    // Formatting changes only white space and commas. So all other characters are kept, and those of both texts match one to one.
+    // Formatting changes only white space and commas. So all other characters are kept: those of the old text and those of the new text
+    // match one to one.
     fn is_kept(c: char) -> bool {
         !c.is_whitespace() && c != ','
     }

@@ -85,7 +85,8 @@ pub struct Document {
     pub(crate) uris: Vec<Uri>,
     pub(crate) version: i32,
     pub(crate) text: Arc<str>,
-    /// The results of the last evaluation, with the time of their lookup and the number of evaluations until then.
+    /// The results of the last evaluation of the document. The instant is the time when they were looked up; the number is that of the
+    /// evaluations that had ended by then. `None` before the first lookup.
     pub(crate) last: Option<(Instant, usize, Rc<LastRun>)>,
 }
 
@@ -227,7 +228,8 @@ impl Server {
                     recv(events) -> event => {
                         match event {
                             Ok(Event::FilesChanged) => self.check(None),
-                            // An error means that the checker has ended. The server cannot work without it and ends, too.
+                            // An error means that the checker thread has ended. The server cannot work without that thread, so it ends,
+                            // too.
                             Ok(Event::EditorEnded) | Err(_) => return Ok(()),
                         }
                         continue;
@@ -380,7 +382,8 @@ impl Server {
         }
     }
 
-    /// Asks the editor to report changed graph files, if it can. All other files on which documents depend are polled by the checker.
+    /// Asks the editor to report changed graph files, if the editor supports this. All other files on which documents depend are polled by
+    /// the checker.
     fn register(&mut self) {
         if self.client.watches_files {
             let watchers =
@@ -457,8 +460,8 @@ pub struct Subject<'s> {
 }
 
 impl Server {
-    /// Returns the document that a request is about. Returns `None` if it is not a graph, patch, test or sweep, or if it is so large that
-    /// it gets only diagnostics.
+    /// Returns the document that a request is about. Returns `None` if the document is not a graph, patch, test or sweep, or if it is so
+    /// large that it gets only diagnostics.
     pub(crate) fn subject<'s>(&self, uri: &Uri, text: &'s mut Arc<str>) -> Option<Subject<'s>> {
         let path = resolve_path(&path_of(uri)?);
         let document = self.documents.get(&path)?;
@@ -504,7 +507,8 @@ impl Server {
         let graph = checked.graph.or(checked.partial);
         let last = match (graph, &document.last) {
             (Some(graph), _) => Rc::new(LastRun::load(&graph, &mut self.session)),
-            // The document is not a valid graph at present. Keep the old results, so that not every change of the text causes a lookup.
+            // The document is not a valid graph at present. Keep the results of the last lookup with the present time, so that the next
+            // lookup is not due at once.
             (None, Some((.., last))) => last.clone(),
             (None, None) => Rc::default(),
         };
@@ -544,8 +548,8 @@ fn is_cancelled(id: &RequestId, waiting: &VecDeque<Message>) -> bool {
     })
 }
 
-/// Returns true if a text is a graph, patch, test or sweep. Outside of a project the text must also contain a typical field, because other
-/// programs also use the file format RON.
+/// Returns true if a text is a graph, patch, test or sweep. Outside of a project the text must also contain a field that is typical of
+/// these files, because other programs also use the file format RON.
 pub fn is_ours(path: &Path, text: &str) -> bool {
     let fields: &[&str] = match first_word(text) {
         "Graph" => &["nodes", "outputs"],

@@ -33,7 +33,7 @@ pub(super) fn signature(library: &Library<'_>, text: &str, at: usize) -> Json {
         .collect();
     let mut signature =
         json!({ "label": format!("{owner}({})", labels.join(", ")), "parameters": parameters });
-    // If the call has no field with this name, no field is highlighted.
+    // If the call has no field with the name at the cursor, highlight no field.
     let active = frame.field.as_ref().map(|name| {
         fields.iter().position(|field| field.name == name.text).unwrap_or(fields.len())
     });

@@ -16,7 +16,8 @@ use serde_json::{Map, Value as Json, json};
 /// The maximum length of a message in bytes, larger than any text that an editor opens.
 const MAX_BYTES: u64 = 1 << 28;
 
-/// The maximum length of a header line in bytes. A longer line is not a header. Only its end is kept, because a header may begin there.
+/// The maximum length of a header line in bytes. A longer line is not a header. Only the end of such a line is kept, because a header may
+/// begin there.
 const MAX_LINE: usize = 4096;
 
 /// The maximum number of messages that are read ahead. The server searches them for requests to cancel.
@@ -51,7 +52,8 @@ pub fn stdio(log: Option<&Path>) -> io::Result<(Connection, Threads)> {
     let log = MessageLog::new(log)?;
     let (to_server, receiver) = crossbeam_channel::bounded(QUEUE);
     let (sender, to_editor) = crossbeam_channel::unbounded::<Message>();
-    // Give the reader thread its own channel for errors. It may outlive the server, and would keep the server's channel open.
+    // Give the reader thread its own channel for errors. The reader thread may outlive the server, and would keep the server's channel open
+    // if it used that channel.
     let (errors, refusals) = crossbeam_channel::unbounded();
     let reader_log = log.clone();
     std::thread::spawn(move || {

@@ -68,7 +68,7 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Returns the memory in bytes as an integer. The maximum for NaN.
+    /// Returns the memory in bytes as an integer. For NaN, returns `u64::MAX`.
     #[doc(hidden)]
     pub fn whole_bytes(self) -> u64 {
         if self.bytes.is_nan() { u64::MAX } else { self.bytes as u64 }

@@ -65,7 +65,7 @@ pub struct InputFile<'a> {
 }
 
 impl<'a> InputFile<'a> {
-    /// Creates a file with this name and content. `beside` returns the contents of its companions.
+    /// Creates an input file with this name and content. `beside` returns the contents of its companion files by name.
     pub fn new(name: &'a str, bytes: &'a [u8], beside: &'a CompanionLookup<'a>) -> Self {
         let (bytes, color_range) = (strip_bom(bytes), None);
         Self { name, bytes, beside, color_range, doubts: RefCell::default() }
@@ -209,8 +209,8 @@ impl Readers {
         Self(readers.into_iter().collect())
     }
 
-    /// Returns the extensions of the files from which values of type `kind` can be read, in the order of the packs. `None` for values of
-    /// any type.
+    /// Returns the extensions of the files from which values of type `kind` can be read, in the order of the packs. If `kind` is `None`,
+    /// returns the extensions for values of all types.
     #[doc(hidden)]
     pub fn extensions(&self, kind: Option<&str>) -> Vec<&'static str> {
         let mut endings: Vec<&str> = Vec::new();
@@ -277,7 +277,7 @@ impl Readers {
         self.0.iter().any(|reader| names(reader) && reader.extensions.contains(&ending))
     }
 
-    /// Calls the `COMPANIONS` functions of all readers for the file's extension.
+    /// Calls the `COMPANIONS` functions of all readers for the file's extension, which request all companions of the file.
     #[doc(hidden)]
     pub fn ask_companions(&self, file: &InputFile<'_>) {
         let ending = file.extension();
@@ -287,8 +287,8 @@ impl Readers {
             .for_each(|reader| reader.ask_companions(file));
     }
 
-    /// Reads a value from the file at a path, of the given type or of any type. Returns the value and the warnings of the reader. Companion
-    /// files are read only if they are in the same project.
+    /// Reads a value of the type `kind` from the file at a path. If `kind` is `None`, the value may have any type. Returns the value and
+    /// the warnings of the reader. Companion files are read only if they are in the same project.
     ///
     /// # Errors
     /// The file cannot be read. The message contains the path.
@@ -356,7 +356,7 @@ impl AnyReader {
         (self.read)(file).map_err(|error| if is_utf16 { Utf16.into() } else { error })
     }
 
-    /// Calls the `COMPANIONS` function of the reader for a file.
+    /// Calls the reader's function `COMPANIONS`, which requests all companions of a file.
     #[doc(hidden)]
     pub fn ask_companions(&self, file: &InputFile<'_>) {
         if let Some(ask) = self.companions {
@@ -368,14 +368,14 @@ impl AnyReader {
 /// The companion files of one file. Each companion is read only once, even if the file refers to it several times or by different paths.
 #[doc(hidden)]
 pub struct CompanionFiles<'a> {
-    /// The folders that must contain the companion files.
+    /// The folders in which companion files may be. A companion file outside of all these folders is not read.
     roots: &'a [PathBuf],
     /// The contents of the companion files, by their paths without symbolic links.
     contents: RefCell<HashMap<PathBuf, Arc<[u8]>>>,
     bytes: Cell<u64>,
 }
 
-/// Maximum total size in bytes of the companions of one file, which is the maximum size of a GLB file.
+/// Maximum allowed total size, in bytes, of the companions of one file. This is also the maximum size of a GLB file.
 const MAX_BYTES: u64 = 4 << 30;
 
 impl<'a> CompanionFiles<'a> {
@@ -384,7 +384,8 @@ impl<'a> CompanionFiles<'a> {
         Self { roots, contents: RefCell::default(), bytes: Cell::new(0) }
     }
 
-    /// Returns the content of the companion file `name`, whose path is `path`. An error if the file may not be read.
+    /// Returns the content of the companion file `name`, whose path is `path`. Returns an error if the file cannot be read, is outside of
+    /// the allowed folders, or is too large.
     #[doc(hidden)]
     pub fn read(&self, name: &str, path: &Path) -> Result<Arc<[u8]>, String> {
         may_read(name, path, self.roots).map_err(|problem| match problem {

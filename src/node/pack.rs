@@ -228,7 +228,7 @@ pub struct Format {
 }
 
 impl Format {
-    /// Returns the address of the format's function, which identifies its code.
+    /// Returns the address of the function that writes files of this format. The address identifies the code of the function.
     #[doc(hidden)]
     pub fn code(&self) -> usize {
         self.write as usize

@@ -43,7 +43,7 @@ pub struct Provenance {
     /// The name of the output in the graph.
     #[doc(hidden)]
     pub output: String,
-    /// True if the output was made with the values for drafts.
+    /// True if the output was made with the draft value of each `Draft` in the graph, not the final value.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     #[doc(hidden)]
     pub draft: bool,

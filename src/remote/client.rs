@@ -19,7 +19,7 @@ const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
 /// Timeout for the response to an upload. It is longer than that for downloads, because uploads run in the background.
 const STORE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Time in seconds that each download may take, even if computing the result would be faster.
+/// Minimum time limit of a download, in seconds. A download may take this long even if computing the result would be faster.
 const MIN_ALLOWED_SECONDS: f64 = 0.5;
 
 /// Maximum number of bytes that are read from the body of an error response.

@@ -9,7 +9,8 @@ use super::address::Address;
 use super::client::{Answer, Client, Reply};
 use super::uploads::{Upload, Uploads};
 
-/// Maximum difference in seconds between the time spent waiting for the server and the computing time that its files have saved.
+/// Maximum time in seconds by which the time spent waiting for the server may exceed the computing time that its files have saved. Beyond
+/// this limit, the server is not used again.
 pub(crate) const MAX_DEFICIT: f64 = 0.5;
 
 /// The remote cache with the results of one build of the program.
@@ -57,8 +58,8 @@ pub(crate) struct Counts {
     pub unsent: AtomicUsize,
 }
 
-/// Time in seconds spent waiting for responses, and computing time that downloads have saved. If several threads wait at the same time,
-/// that time counts once.
+/// The time spent waiting for responses, and the computing time that downloads have saved, both in seconds. Time in which several threads
+/// wait counts only once.
 #[derive(Default)]
 pub(crate) struct TimeAccount {
     waiting: usize,

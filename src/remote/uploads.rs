@@ -108,7 +108,7 @@ impl Drop for Uploads {
     }
 }
 
-/// A file whose reading fails as soon as `cancelled` returns true.
+/// An opened file to upload. Reading it fails as soon as `cancelled` returns true.
 pub(super) struct CancellableFile<'a> {
     pub(super) file: File,
     pub(super) cancelled: &'a dyn Fn() -> bool,

@@ -40,7 +40,7 @@ impl GraphFile<'_> {
         Ok(edited)
     }
 
-    /// Locks the file. Other processes of this program cannot edit it until the returned guard is dropped.
+    /// Locks the file. Other processes of this program cannot edit the file until the returned guard is dropped.
     pub(crate) fn acquire_lock(&self) -> Result<FolderLock, EditError> {
         FolderLock::acquire(self.graph)
             .map_err(|error| EditError::Write(self.graph.to_owned(), error))

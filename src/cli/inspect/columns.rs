@@ -60,7 +60,7 @@ fn row(part: &Part<'_>) -> [String; 8] {
 }
 
 /// Returns the facts and the columns of a value as JSON. `least`, `greatest` and `mean` contain one number for each component of an
-/// element. It is null if no number of the component is finite.
+/// element. The number is null if the component has no finite value in any element.
 pub(super) fn columns_json(parts: &Parts<'_>) -> Json {
     let facts =
         parts.facts.iter().map(|fact| (fact.name.to_string(), json!(fact.value.to_string())));

@@ -216,8 +216,8 @@ impl Backend for Polling {
 /// Returns true if other machines, or the host of a virtual machine, can change files in this folder without causing an event here.
 #[cfg(target_os = "linux")]
 pub(crate) fn is_remote(folder: &Path) -> bool {
-    /// The types of file systems in which this is possible, from linux/magic.h and the headers of the file systems: NFS, SMB (three
-    /// generations), Ceph, AFS, Coda, 9P (in WSL and virtual machines), FUSE (sshfs and others), VirtualBox.
+    /// The types of file systems whose files other machines can change without an event here, from linux/magic.h and the headers of the
+    /// file systems: NFS, SMB (three generations), Ceph, AFS, Coda, 9P (in WSL and virtual machines), FUSE (sshfs and others), VirtualBox.
     const REMOTE: [u32; 10] = [
         0x6969,
         0x517b,

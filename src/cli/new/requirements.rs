@@ -11,7 +11,7 @@ use maquette_value::{Image, Value as _};
 
 use super::scans::{KINDS, Scan, in_words};
 
-/// The scans that a recipe needs: those that its first node with a scan file reads.
+/// The scans that a recipe needs: those that are read by its first node with a field for a scan file.
 #[derive(Clone)]
 pub(super) struct ScanRequirements {
     /// The name of the node that reads the scans, such as `scan`.

@@ -27,7 +27,8 @@ pub(super) struct Scan {
     pub(super) picture: Option<PathBuf>,
     /// True if the camera of the scan is known. It is unknown if the camera file next to the scan belongs to another grid.
     has_camera: bool,
-    /// True if the coordinates are in meters. That is known from the file format, or assumed if the scan would be too small in millimeters.
+    /// True if the coordinates are in meters. The file format determines the unit, or meters are assumed if the scan would be too small in
+    /// millimeters.
     pub(super) in_meters: bool,
     /// True if all points have z <= 0, as in range images whose y axis points up.
     pub(super) y_up: bool,
@@ -213,7 +214,8 @@ impl FileContent {
                         return Ok(Some(found));
                     }
                 }
-                // Keep the last error. Points and pictures are tried last and need the least, so their error is the most useful one.
+                // Keep the error of the type that was tried last. Points and pictures are tried last and require the least of a file, so
+                // their error is the most useful one.
                 Err(error) => why = Some(error),
             }
         }

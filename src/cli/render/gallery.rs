@@ -112,8 +112,9 @@ impl Gallery {
         Err(format!("{} is out of date: run `maquette render gallery`", path.display()))
     }
 
-    /// Writes the page and its pictures, unless that would replace files that no gallery has written. Such a page is recognized by its
-    /// beginning, and it lists its pictures. The page is written first, so that it also lists the pictures of an interrupted run.
+    /// Writes the page and its pictures, unless this would replace files that were not written by a gallery. A page of a gallery is
+    /// recognized by its first words, and it lists its pictures. The page is written first, so that it also lists the pictures of an
+    /// interrupted run.
     fn write_files(
         &self,
         path: &Path,
@@ -247,7 +248,7 @@ fn push_parameter(page: &mut String, name: &str, field: &Json, root: &Json) {
     let _ = writeln!(page, "- `{name}`: {kind}{default}. {doc}");
 }
 
-/// Returns the first parameter of a graph that is a number with a maximum, together with this maximum.
+/// Returns the first parameter of a graph that is a number with a maximum allowed value, together with this value.
 fn numeric_parameter(graph: &Graph) -> Option<(String, Json)> {
     let fields = graph.schema().get("properties").and_then(Json::as_object)?;
     fn maximum(field: &Json) -> Option<Json> {

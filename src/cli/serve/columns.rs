@@ -21,8 +21,8 @@ use super::request::{Form, Input, Numbers};
 pub(super) struct Columns {
     folder: ExchangeFolder,
     files: BTreeSet<String>,
-    /// The files that the last answers name, by slot. A slot is a series of runs that replace each other. The slot with the newest answer
-    /// is the last.
+    /// For each slot, the names of the files that its last answers contain. A slot is a series of runs that replace each other. The slot
+    /// with the newest answer is the last in this list.
     recent_answers: VecDeque<(String, VecDeque<BTreeSet<String>>)>,
     /// Cached descriptions of files that take long to create: the edges of faces, and pictures. The text identifies the value from which
     /// the files were made.
@@ -31,7 +31,7 @@ pub(super) struct Columns {
     current_names: BTreeSet<String>,
 }
 
-/// The number of answers per slot whose files are not removed.
+/// The files of this number of the latest answers per slot are not removed.
 const MAX_ANSWERS: usize = 2;
 
 /// The maximum number of slots whose files are not removed.
@@ -82,7 +82,7 @@ impl Columns {
         Ok(answer)
     }
 
-    /// Ends an answer. Removes the files that none of the last answers names.
+    /// Ends an answer. Removes the files whose names are in none of the last answers.
     pub(super) fn finish_answer(&mut self, slot: &str) {
         let index = self.recent_answers.iter().position(|(known, _)| known == slot);
         let known = index.and_then(|index| self.recent_answers.remove(index));

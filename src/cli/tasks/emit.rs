@@ -28,8 +28,8 @@ pub(crate) enum Engine {
 /// The default maximum number of jobs in a Slurm job array.
 const MAX_ARRAY: usize = 1000;
 
-/// The time between the program's own time limit and the later limit of the engine. In this time the program can report that the limit is
-/// exceeded.
+/// The time between the program's own time limit and the later time limit of the engine. It allows the program to report that its own limit
+/// is exceeded.
 const GRACE_PERIOD: Duration = Duration::from_secs(60);
 
 /// The resources and limits of each job.

@@ -67,7 +67,7 @@ pub(crate) struct DueTask {
 struct LoadedTask {
     graph: Option<Graph>,
     diagnostics: Vec<Diagnostic>,
-    /// A hash of the task, and its input files with their hashes. `None` if a file cannot be read.
+    /// A hash of the task, and the task's input files with their hashes. `None` if an input file cannot be read.
     identity: Option<(Hash, ReadFiles)>,
 }
 
@@ -131,8 +131,9 @@ impl Batch<'_> {
         Some(format!("{what} was changed after the run"))
     }
 
-    /// Looks for an output or picture that was changed after the run, and returns a description of the first. If there is none, updates the
-    /// metadata in the record of files that were too new to be trusted by their modification times. Then the next check need not read them.
+    /// Looks for an output or picture that was changed after the run, and returns a description of the first. If no file was changed,
+    /// updates the recorded metadata of files that were too new for their modification times to be reliable. Then the next check need not
+    /// read these files.
     fn find_changed_file(&self, record: &mut Record) -> Option<String> {
         let mut is_better_known = false;
         let outputs = record.outputs.iter_mut().map(|output| (false, output));
@@ -314,7 +315,7 @@ impl Batch<'_> {
         }
     }
 
-    /// Renders the picture of a task for the contact sheet. Returns `None` if nothing is visible.
+    /// Renders the picture of a task for the contact sheet. Returns `None` if the task has no visible output.
     fn picture(
         &self,
         session: &mut Session,

@@ -21,7 +21,7 @@ const LISTS: &str = "@handovers";
 /// The number of digits of the hash by which a list is named.
 pub(crate) const HASH_DIGITS: usize = 16;
 
-/// The maximum number of task names that a message lists for each kind of change.
+/// The maximum number of task names that a message lists for each kind of change, such as added or removed tasks.
 const MAX_NAMED: usize = 4;
 
 /// All tasks of a sweep at the time when they are handed over to a farm.
@@ -219,7 +219,8 @@ impl Batch<'_> {
         ))
     }
 
-    /// Returns the names of the tasks that are in no list and have not been run on this machine. If there are no lists, returns nothing.
+    /// Returns the names of the tasks that no list contains and that have not been run on this machine. If there are no lists, returns no
+    /// names.
     pub(crate) fn never_handed_over(&self) -> Vec<String> {
         let files = fs::read_dir(self.lists()).into_iter().flatten().flatten();
         let lists: Vec<_> = files.filter_map(|file| TaskList::read(&file.path())).collect();

@@ -144,7 +144,7 @@ impl Block {
         paint.dim(&format!("watching {}   {keys}", format_count(self.watched_files, "file")))
     }
 
-    /// Returns the diagnostics that fit into `height` rows, followed by the number of the others and an empty row.
+    /// Returns the diagnostics that fit into `height` rows. If some do not fit, a row with their number and an empty row follow.
     fn diagnostic_rows(&self, width: usize, height: usize, color: bool) -> Vec<String> {
         let mut rows = Vec::new();
         for (index, diagnostic) in self.diagnostics.iter().enumerate() {
@@ -207,7 +207,7 @@ fn summary_rows(report: &Report, folder: &str, width: usize, paint: Paint) -> Ve
     rows
 }
 
-/// Formats a list as `label  one, two, three`. If not all items fit, the number of the others is appended.
+/// Formats a list as `label  one, two, three`. If not all items fit, the number of omitted items is appended.
 fn list_rows(label: &str, items: &[String], width: usize, paint: Paint) -> Vec<String> {
     const INDENT: usize = 10;
     let room = width.saturating_sub(INDENT + " and 1000 more".len()).max(1);

@@ -40,25 +40,25 @@ pub(super) struct Session<'a> {
     command: &'a Watch,
     catalog: &'a Catalog,
     sources: Sources,
-    /// The input files of the graph, when it could last be read.
+    /// The input files of the graph, as of the last time when the graph could be read.
     files: Vec<ReadFile>,
     /// The graphs that the watched graph uses.
     subgraphs: Vec<PathBuf>,
     /// True if the graph reads files outside of its project.
     has_outside_files: bool,
-    /// The list of watched files and the reason for polling that were last reported.
+    /// The last report to the user: the list of watched files, and the reason why files are polled (`None` if they are not).
     reported_files: Option<(Vec<PathBuf>, Option<String>)>,
     contents: Contents,
     batch: Batch,
     series: Series,
     /// The folder in which the watch was started.
     start_folder: PathBuf,
-    /// True if the graph has errors, and the end of the run with these errors has not been reported yet.
+    /// True if the graph has errors, and the end of the run that these errors prevented has not been reported yet.
     has_unreported_errors: bool,
     /// The time at which the user's command is started, unless a newer change arrives before.
     command_time: Option<Instant>,
-    /// True if the graph once had only nodes of known types. Then pages keep showing that graph while the user types the name of a node
-    /// type.
+    /// True if the graph has had only nodes of known types at some time. Then pages keep showing that version of the graph while the user
+    /// types the name of a node type.
     was_complete: bool,
     check: Check,
     /// True if the next run must compute all nodes and use no cached results.
@@ -83,7 +83,7 @@ pub(super) struct Session<'a> {
     runs: usize,
     /// True if the last run had errors.
     has_failed: bool,
-    /// The output folder into which the last run could not write, and the time of the next check if it is writable.
+    /// The output folder into which the last run could not write, and the time at which to check again if the folder is writable.
     failed_folder: Option<(PathBuf, Instant)>,
     on_done: Option<OnDone>,
     worker: Worker,
@@ -308,7 +308,7 @@ impl<'a> Session<'a> {
         if let Check::Bad { diagnostics, shown: shown @ false } = &mut self.check {
             *shown = true;
             self.view.show_check(self.runs + 1, diagnostics);
-            // Request a run, so that the errors disappear from the display even if the user only undoes the change.
+            // Request a run even if the user only undoes a change that caused errors, so that these errors disappear from the display.
             self.requested.get_or_insert_default();
         }
     }
@@ -352,8 +352,8 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Starts the requested run, if nothing is running and no change is in progress. Without a request, evaluates the values for live pages
-    /// with the last graph that could run. During a drag, only the values of the drag are evaluated.
+    /// Starts the requested run, if nothing is running and no change is in progress. If no run is requested, evaluates the values for live
+    /// pages with the last graph that could run. During a drag, only the values of the drag are evaluated.
     fn start(&mut self) {
         if self.running.is_some() || self.batch.due().is_some() {
             return;
@@ -445,7 +445,7 @@ impl<'a> Session<'a> {
             }
         }
         let failed = has_errors(&report.diagnostics);
-        // Check the folder again only if it is not writable. Otherwise the write failed for another reason.
+        // Check the folder again later only if it is not writable now. If it is writable, the write failed for another reason.
         let folder = report.unwritten.clone().filter(|folder| !is_writable(folder));
         self.failed_folder = folder.map(|folder| (folder, Instant::now() + RETRY_INTERVAL));
         self.view.show_end(&report);
@@ -474,7 +474,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Returns true if no run is in progress or requested, and no change is in progress.
+    /// Returns true if no run is requested or in progress, and no change of files is in progress.
     fn is_idle(&self) -> bool {
         let is_changing = self.batch.due().is_some() || self.has_unreported_errors;
         self.running.is_none() && self.requested.is_none() && !is_changing

@@ -224,8 +224,7 @@ pub(super) struct LineView {
 }
 
 impl LineView {
-    /// Separates warnings that the previous run also had from all other diagnostics. Returns the others, and the number of these repeated
-    /// warnings.
+    /// Removes the warnings that the previous run also had. Returns the remaining diagnostics, and the number of removed warnings.
     fn split_known_warnings(&mut self, diagnostics: Vec<Diagnostic>) -> (Vec<Diagnostic>, usize) {
         let warnings =
             diagnostics.iter().filter(|diagnostic| diagnostic.severity == Severity::Warning);

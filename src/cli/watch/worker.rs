@@ -22,11 +22,11 @@ use crate::has_errors;
 use crate::inputs::InputOptions;
 use crate::viewpoint::ValueSource;
 
-/// The number of runs for whose results there is memory. With this number, undoing a recent change costs nothing, and a day of changes does
-/// not fill the memory.
+/// The number of runs whose results fit into the memory for results. With this number, undoing a recent change needs no computation, and
+/// the results of a day of changes do not fill the memory.
 const KEPT_RUNS: usize = 4;
 
-/// The minimum limit for results in memory, in bytes.
+/// The limit on the memory for results is never set below this number of bytes, unless the user has given a smaller limit.
 const MIN_KEPT_BYTES: usize = 192 << 20;
 
 /// An evaluation that the watch requests.
@@ -58,7 +58,7 @@ pub(super) enum Purpose {
 #[derive(Clone)]
 pub(super) struct Report {
     pub(super) run: usize,
-    /// True if the job was cancelled. Then the other fields are meaningless.
+    /// True if the job was cancelled. Then the other fields of the report must be ignored.
     pub(super) cancelled: bool,
     pub(super) trace: RunTrace,
     pub(super) diagnostics: Vec<Diagnostic>,
@@ -66,14 +66,14 @@ pub(super) struct Report {
     /// The folder of the outputs if a file in it could not be written, otherwise `None`.
     pub(super) unwritten: Option<PathBuf>,
     pub(super) seconds: f64,
-    /// The purpose of the job. Unless it is `Outputs`, only the diagnostics are meaningful.
+    /// The purpose of the job. Unless the purpose is `Outputs`, only the diagnostics of the report are meaningful.
     pub(super) purpose: Purpose,
 }
 
 /// The values for live pages. They are sent before files are written, so that the user sees them sooner.
 pub(super) struct ViewUpdate {
     pub(super) run: usize,
-    /// The graph with the elements of each `ForEach` over data. `None` if it has no such loops.
+    /// The graph with the elements of each `ForEach` over data. `None` if the graph has no `ForEach` over data.
     pub(super) graph: Option<Arc<Graph>>,
     pub(super) values: ViewedValues,
 }
@@ -185,8 +185,8 @@ impl Worker {
     }
 }
 
-/// Removes the replaced versions of large files that were kept for later writes. The worker thread cannot do that, because the process ends
-/// first.
+/// Removes old versions of large output files, which were kept to make later writes faster. The worker thread cannot remove them, because
+/// the process ends first.
 impl Drop for Worker {
     fn drop(&mut self) {
         self.output_options.folder.drop_recycled_files();
@@ -272,13 +272,13 @@ fn evaluate(
     }
     match (job.purpose, &viewed_run) {
         _ if cancelled => {}
-        // Do not reduce the memory if the graph has errors. While the user types the name of a node type, results that depend on that node
-        // are not computed, but they will be needed again.
+        // Do not lower the limit on memory if the graph has errors. While the user types the name of a node type, results that depend on
+        // that node are not computed, but they will be needed again.
         (Purpose::Outputs, _) if has_errors(&job.diagnostics) => {
             *kept_bytes = memory_to_keep(&trace, session).max(*kept_bytes);
         }
         (Purpose::Outputs, _) => *kept_bytes = memory_to_keep(&trace, session),
-        // A drag creates many results in addition to those for the outputs. So the memory may grow, but is not reduced.
+        // A drag creates many results in addition to those for the outputs. So raise the limit on memory if necessary, but do not lower it.
         (Purpose::Drag, Some(viewed_run)) => {
             *kept_bytes = memory_to_keep(&viewed_run.trace(), session).max(*kept_bytes);
             diagnostics.extend(viewed_run.diagnostics());
@@ -352,7 +352,7 @@ fn show(
     };
     let ground = picture.zip(target).and_then(|(picture, (node, _))| {
         let found = ValueSource { graph, node, session }.backdrop_of(picture, None);
-        // If the background cannot be computed, show the value without it.
+        // If the background picture cannot be computed, show the value without a background.
         found.unwrap_or_default()
     });
     let layers = match same {

@@ -113,7 +113,7 @@ impl<'a> Content<'a> {
         }
     }
 
-    /// Computes bytes of the content, beginning at the offset `place`, and fills `bytes` with them.
+    /// Fills the whole slice `bytes` with the bytes of the content that begin at the offset `place`.
     #[doc(hidden)]
     pub fn fill(&self, place: usize, bytes: &mut [u8]) {
         match &self.kind {
@@ -137,9 +137,10 @@ impl<'a> Content<'a> {
         }
     }
 
-    /// Calls `take` with the offset and bytes of each piece, in parallel and in any order. Returns the hash of the content, and the hashes
-    /// of the pieces. `known` contains the hashes from the last time the file was written, so that unchanged pieces need not be computed. A
-    /// piece is skipped if `there` says that the file on disk already contains it.
+    /// Calls `take` with the offset and bytes of each piece, in parallel and in any order. Returns the hash of the whole content, and the
+    /// hashes of the pieces. `known` contains the hashes of the pieces from the last time the file was written, so that unchanged pieces
+    /// need not be computed. `there` contains the hashes of the pieces that the file on disk has at present. A piece that is unchanged and
+    /// already on disk is skipped.
     #[doc(hidden)]
     pub fn for_each_piece<E: Send>(
         &self,
@@ -192,7 +193,8 @@ impl<'a> Content<'a> {
         Ok((hash, known))
     }
 
-    /// Returns a hash of all data from which the bytes of a range are computed. `None` if there is no function for it.
+    /// Returns a hash of all data from which the bytes of a range are computed. `None` if the content has no function `made_of`, which
+    /// computes such hashes.
     #[doc(hidden)]
     pub fn range_hash(&self, stretch: Range<usize>) -> Option<Hash> {
         match &self.kind {

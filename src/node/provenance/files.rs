@@ -6,7 +6,7 @@ use serde_json::{Value as Json, json};
 
 use super::Signature;
 
-/// The key under which comments and JSON documents contain the provenance.
+/// The name before the provenance in comments of files, and the key of the provenance in JSON documents.
 const KEY: &str = "maquette";
 
 /// The text in the header of an STL file before the hash of the provenance.
@@ -22,8 +22,9 @@ pub enum EmbeddedProvenance {
     Hash(String),
 }
 
-/// Adds the provenance to a file with this extension, or only its hash if the format has little space. Files of other formats are not
-/// changed: PTX has a fixed structure of lines, and other programs misread or reject comments in XYZ files.
+/// Adds the provenance to the bytes of a file with the extension `ending`, or only the hash of the provenance if the format has little
+/// space. Files of other formats are not changed: PTX has a fixed structure of lines, and other programs misread or reject comments in XYZ
+/// files.
 #[doc(hidden)]
 pub fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }: &Signature) {
     let signed = match ending {
@@ -71,8 +72,8 @@ const COMMENT: &str = "comment maquette ";
 /// CloudCompare read PLY files with rply, which rejects lines of more than 1024 bytes.
 const MAX_COMMENT: usize = 192;
 
-/// Returns the number of bytes of the ASCII text that fit on the next line. A line must not begin or end with a space, because other
-/// programs may remove such spaces.
+/// Returns the number of bytes at the start of the ASCII text `text` that fit on one comment line of a PLY file. A line must not begin or
+/// end with a space, because other programs may remove spaces there.
 fn end_of_line(text: &str) -> usize {
     let max = MAX_COMMENT - COMMENT.len();
     if text.len() <= max {
@@ -90,8 +91,8 @@ pub fn comment_of_obj(words: &str) -> String {
     format!("# {KEY} {words}\n")
 }
 
-/// Pads a text with spaces to a multiple of 64 bytes. A slightly longer number then does not move the rest of the file, which need not be
-/// written again.
+/// Pads a text with spaces to a multiple of 64 bytes. If a number in the text becomes slightly longer, the padded length stays the same.
+/// The rest of the file then does not move and need not be written again.
 #[doc(hidden)]
 pub fn pad(mut text: String) -> String {
     let spaces = text.len().next_multiple_of(64) - text.len();
@@ -106,7 +107,7 @@ pub fn extras_of_glb(words: &str) -> Option<Json> {
     Some(json!({ KEY: provenance }))
 }
 
-/// Finds the provenance in a file with this extension. `None` if the file contains none.
+/// Finds the provenance in the bytes of a file with the extension `ending`. `None` if the file contains none.
 #[doc(hidden)]
 pub fn find(ending: &str, bytes: &[u8]) -> Option<EmbeddedProvenance> {
     fn words(text: &str) -> Option<EmbeddedProvenance> {
@@ -238,15 +239,15 @@ fn stl(bytes: &[u8], hash: &str) -> Option<Splice> {
 const NOTE: &[u8] = b"Metadata/maquette.json";
 
 /// Adds the provenance as a file to a ZIP archive, after the other files and before the directory. The archive must not have an archive
-/// comment; those that our writer makes have none.
+/// comment; archives that this program writes have none.
 fn zip(bytes: &[u8], words: &str) -> Option<Splice> {
     let end = bytes.len().checked_sub(22)?;
     let record = bytes[end..].strip_prefix(b"PK\x05\x06")?;
     let start = number(&record[12..])? as usize;
     let count = u16::from_le_bytes([record[4], record[5]]).checked_add(1)?;
     let length = (words.len() as u32).to_le_bytes();
-    // The part that the local header and the directory entry share: version 2.0, no flags, no compression, January 1, 1980, checksum,
-    // sizes, length of the name, no extra field.
+    // The bytes that the local header of the file and its entry in the directory of the archive have in common: version 2.0, no flags, no
+    // compression, January 1, 1980, checksum, sizes, length of the name, no extra field.
     let mut header = [20, 0, 0, 0, 0, 0, 0, 0, 33, 0].to_vec();
     header.extend(checksum(words.as_bytes()).to_le_bytes());
     header.extend([length, length].as_flattened());
@@ -281,7 +282,7 @@ fn directory(bytes: &[u8]) -> Option<(usize, &[[u8; 12]])> {
 }
 
 /// Adds the provenance to a TIFF file: replaces the directory by one with one more entry, followed by the text of that entry. The directory
-/// must be at the end of the file, where our writer puts it.
+/// must be at the end of the file, as in all TIFF files that this program writes.
 fn tiff(bytes: &[u8], words: &str) -> Option<Splice> {
     let (start, entries) = directory(bytes)?;
     let is_last = bytes.len() == start + 2 + 12 * entries.len() + 4;

@@ -22,7 +22,7 @@ impl<'a> Session<'a> {
         let was_dragged = self.drag.release(page);
         match self.edit(values, |_| true) {
             Ok(change) if !change.value_changes.is_empty() => {
-                // Show no older values: the change causes a run that shows all values.
+                // Do not evaluate the old values again for live pages: the change causes a run that shows all values.
                 self.has_due_views = false;
                 return self.changes.push(change);
             }
@@ -142,7 +142,8 @@ impl<'a> Session<'a> {
         .map(drop)
     }
 
-    /// Sets values in the graph file if `is_due` returns true for the changes. Returns the change or an error message.
+    /// Sets values in the graph file, if `is_due` returns true for the changes that this makes. Returns the change, so that it can be
+    /// undone, or an error message.
     fn edit(
         &self,
         values: &[(String, String)],

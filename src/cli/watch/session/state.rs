@@ -40,8 +40,8 @@ pub(super) fn is_partial(diagnostics: &[Diagnostic]) -> bool {
     diagnostics.iter().any(|diagnostic| diagnostic.code == code::UNKNOWN_NODE)
 }
 
-/// Enters the folder again, in case it was replaced, for instance by a new checkout. Otherwise relative paths would begin in the deleted
-/// folder.
+/// Makes `folder` the current folder again, in case it was replaced, for instance by a new checkout. Otherwise relative paths would be
+/// resolved in the deleted folder.
 #[cfg(unix)]
 pub(super) fn return_to(folder: &Path) {
     use std::os::unix::fs::MetadataExt;
