@@ -331,7 +331,7 @@ fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Resul
         (0..count).map(|vertex| u8::from(filling.n_data_vertices <= vertex)).collect();
     let mut onto = carry.transfer(mesh, onto)?;
     if let Some(Attribute::Flag(before)) = mesh.vertex().get("filled") {
-        // Vertices that an earlier node has filled keep the flag.
+        // Input vertices keep their flag `filled`, which an earlier node may have set.
         let flags = flags.iter().enumerate();
         let flags =
             flags.map(|(vertex, &flag)| before.get(vertex).copied().unwrap_or(flag)).collect();

@@ -73,8 +73,8 @@ pub(crate) const NORMAL_RADIUS: f64 = 0.4;
 /// Minimum number of exemplars (patches of the input surface to copy from); a level with fewer is skipped.
 pub(crate) const MIN_EXEMPLARS: usize = 32;
 
-/// Maximum number of samples along a patch's radius: 8 give about 200 samples per patch. The user's sample distance cannot exceed this
-/// number.
+/// Maximum number of samples along a patch's radius: 8 give about 200 samples per patch. A sample distance that would give more samples is
+/// enlarged.
 pub(crate) const MAX_SAMPLES: f64 = 8.0;
 
 /// Multiple of the edge length above which the sample distance makes a level sparse: then only some of the vertices are samples.
@@ -126,7 +126,7 @@ pub(crate) struct Completion<'a> {
     pub(super) n_data_faces: usize,
     pub(super) options: &'a ExemplarOptions,
     pub(super) allowed: Option<&'a [bool]>,
-    /// The colors of all vertices; empty if colors are not compared.
+    /// The colors of all vertices of the filled mesh; empty if colors are not compared.
     pub(super) colors: Vec<Color>,
     pub(super) hole: Hole,
     /// For each vertex of the fill, whether creases are extended across its hole in the initial fill; empty if they are across no hole.
