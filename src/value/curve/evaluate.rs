@@ -131,7 +131,7 @@ impl Curve {
 fn distance(point: Point3<f64>, start: Point3<f64>, end: Point3<f64>) -> f64 {
     let (along, to) = (end - start, point - start);
     let fraction = (to.dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
-    // For a segment of length 0 the fraction is NaN.
+    // If the segment has length 0, the fraction is NaN. Use the start of the segment then.
     (to - along * if fraction.is_nan() { 0.0 } else { fraction }).norm()
 }
 

@@ -26,7 +26,7 @@ pub struct KnotChange {
 struct Row {
     /// The index of the old control point to which the first factor belongs.
     first: usize,
-    /// The first degree + 1 entries are used, the others are 0.
+    /// The factors of the new control point. Only the first degree + 1 entries are used; the others are 0.
     factors: [f64; MAX_ORDER],
 }
 
