@@ -13,7 +13,7 @@ const DATE: u16 = 1 << 5 | 1;
 const DEFLATED: u16 = 8;
 const STORED: u16 = 0;
 
-/// Creates an archive of the given names and contents, in this order.
+/// Creates an archive of files with the given names and contents, in this order.
 pub(super) fn archive(files: &[(&str, &[u8])]) -> Result<Vec<u8>, Error> {
     let (mut bytes, mut directory) = (Vec::new(), Vec::new());
     for &(name, content) in files {

@@ -237,7 +237,7 @@ impl<'a> Table<'a> {
 
 /// Reads all scalar properties of an element, row by row, as little-endian doubles.
 fn read_numbers(element: &Element, body: &mut Body<'_>, stride: usize) -> Result<Vec<u8>, Error> {
-    // Rows without properties take no bytes, so a small file may state any number of them.
+    // Do not loop over rows without properties: they take no bytes, so a small file may state any number of them.
     if element.properties.is_empty() {
         return Ok(Vec::new());
     }
