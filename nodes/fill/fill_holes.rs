@@ -275,8 +275,8 @@ pub fn fill_holes(
     Ok(FilledMesh { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, warnings })
 }
 
-/// The fraction of the total progress at which the fills without exemplars are complete: if they are the result, and if they are the
-/// initial fill of a method with exemplars.
+/// The fractions of the total progress at which the fills without exemplars are complete. `PLAIN_PROGRESS` applies if these fills are the
+/// result, `START_PROGRESS` if they are the initial fill of a method with exemplars.
 const PLAIN_PROGRESS: f64 = 0.9;
 const START_PROGRESS: f64 = 0.2;
 

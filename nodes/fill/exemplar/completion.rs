@@ -81,7 +81,8 @@ pub(crate) const MAX_SAMPLES: f64 = 8.0;
 pub(crate) const SPARSE: f64 = 1.3;
 
 /// Replaces [`SPARSE`] for the method [`Update::Published`], which should move all vertices. With a smaller value, only few vertices of a
-/// hole about 7 edges wide would move on the coarsest level. With a larger one, the coarse levels of wider holes would compare more samples.
+/// hole about 7 edges wide would move on the coarsest level. With a larger value, the coarse levels of wider holes would compare more
+/// samples.
 pub(crate) const SPARSE_PUBLISHED: f64 = 2.0;
 
 /// Returns, for each input vertex, the distance to the nearest vertex of the fill; infinite if it exceeds `max_distance`.
