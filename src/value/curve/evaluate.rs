@@ -84,8 +84,8 @@ impl Curve {
         points
     }
 
-    /// The number of segments per span that keeps the chords within the tolerance. The number is doubled until the middle of each segment
-    /// is near enough to its chord.
+    /// The number of segments per span that keeps the chords within the tolerance `CHORD` of the curve. The number is doubled until the
+    /// middle of each segment is near enough to its chord.
     fn choose_pieces(&self, spline: &Spline) -> usize {
         let allowed = CHORD * diagonal(&self.points);
         let mut pieces = 1;
