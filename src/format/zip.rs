@@ -154,7 +154,7 @@ fn large_directory(bytes: &[u8], end: usize) -> Option<usize> {
 }
 
 impl Entry {
-    /// Reads the directory entry at the start of `bytes`. Returns it with its length.
+    /// Reads the directory entry at the start of `bytes`. Returns the entry and its length in bytes.
     fn read(bytes: &[u8]) -> Option<(Self, usize)> {
         let [name, extra, comment] = [28, 30, 32].map(|at| number(bytes, at, 2));
         let name = name?;
