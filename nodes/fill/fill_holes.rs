@@ -275,8 +275,8 @@ pub fn fill_holes(
     Ok(FilledMesh { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, warnings })
 }
 
-/// The fraction of the total progress at which the fills without exemplars are complete: if they are the result, and if they are the
-/// initial fill of a method with exemplars.
+/// The fractions of the total progress at which the fills without exemplars are complete. `PLAIN_PROGRESS` applies if these fills are the
+/// result, `START_PROGRESS` if they are the initial fill of a method with exemplars.
 const PLAIN_PROGRESS: f64 = 0.9;
 const START_PROGRESS: f64 = 0.2;
 
@@ -331,7 +331,7 @@ fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Resul
         (0..count).map(|vertex| u8::from(filling.n_data_vertices <= vertex)).collect();
     let mut onto = carry.transfer(mesh, onto)?;
     if let Some(Attribute::Flag(before)) = mesh.vertex().get("filled") {
-        // Vertices that an earlier node has filled keep the flag.
+        // Input vertices keep their flag `filled`, which an earlier node may have set.
         let flags = flags.iter().enumerate();
         let flags =
             flags.map(|(vertex, &flag)| before.get(vertex).copied().unwrap_or(flag)).collect();

@@ -130,7 +130,7 @@ fn limits(high: f32, low: f64) -> [f32; 2] {
 const STRIP_ROWS: usize = 16;
 
 /// Returns the pixels inside `within` whose gradient is at least the first of `limits`, and those whose gradient is at least the second.
-/// `write` is called with rows of `magnitude`, and the index of the first, to compute them before they are read.
+/// `write` computes rows of `magnitude` before they are read. It gets the rows and the index of the first of them.
 fn threshold_bits(
     magnitude: &mut [f32],
     within: Option<&[u8]>,
@@ -157,7 +157,7 @@ fn threshold_bits(
     [weak, strong]
 }
 
-/// A kernel that compares the gradients in a row with two limits, and sets one bit per pixel for each; dispatched to SIMD code.
+/// A kernel that compares the gradients in a row with two limits, and sets one bit per pixel and limit; dispatched to SIMD code.
 struct PackRow<'a> {
     lengths: &'a [f32],
     within: Option<&'a [u8]>,

@@ -72,7 +72,7 @@ impl Node for MaskShape {
     }
 }
 
-/// Returns a mask of the pixels whose centers are in a shape, or with `invert` of all other pixels.
+/// Returns a mask of the pixels whose centers are in a shape, or of all other pixels if `invert` is true.
 pub fn mask_shape(width: usize, height: usize, shape: &Shape, invert: bool) -> Mask {
     let mut pixels = vec![0; width * height];
     pixels.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, pixels)| {

@@ -71,14 +71,14 @@ impl Node for PaintedMask {
     }
 }
 
-/// Returns true if the aspect ratios of two pictures differ by more than a pixel.
+/// Returns true if the aspect ratios of two pictures differ by more than rounding to whole pixels explains.
 fn is_stretched([w, h]: [usize; 2], [width, height]: [usize; 2]) -> bool {
     let max = w.max(h).max(width).max(height);
     (w * height).abs_diff(h * width) > max
 }
 
-/// Returns a mask of the painted pixels, scaled to the given size by nearest neighbor; with `invert` of all other pixels. A pixel outside of
-/// `opaque`, a mask of the picture's size, is not painted.
+/// Returns a mask of the painted pixels, or of all other pixels if `invert` is true, scaled to the given size by nearest neighbor. A pixel
+/// outside of `opaque`, a mask of the picture's size, is not painted.
 pub fn painted_mask(
     painted: &Image,
     opaque: Option<&Mask>,

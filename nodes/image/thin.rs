@@ -317,8 +317,8 @@ mod tests {
         .unwrap()
     }
 
-    /// Returns two numbers: that of the parts inside the mask, connected by sides and corners, and that of the parts outside, connected by
-    /// sides. Everything beyond the picture belongs to one part outside.
+    /// Returns the number of parts inside the mask (connected by sides and corners) and the number of parts outside (connected by sides).
+    /// Everything beyond the picture belongs to one part outside.
     fn parts(mask: &Mask) -> [usize; 2] {
         let inside = label(mask, Connectivity::Eight).statistics().len();
         let canvas = Canvas::new(mask);

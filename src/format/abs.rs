@@ -24,7 +24,8 @@ pub fn read(bytes: &[u8]) -> Result<RangeFile, Error> {
         bail!("the grid of {rows} rows and {columns} columns is empty or too large");
     };
     let expected = cells.saturating_mul(4);
-    // Each number takes at least a digit and a blank; only the blank after the last number may be missing.
+    // Reject a file that is too short: each number takes at least a digit and a blank, and only the blank after the last number may be
+    // missing.
     if bytes.len().div_ceil(2) < expected {
         return Err(count_error(4, expected, bytes.len() / 2));
     }

@@ -22,9 +22,9 @@ pub struct CameraFile {
     pub units: Option<String>,
     /// The rigid motion from the sensor's frame to the world's, in mm, if the file has one.
     pub world_from_camera: Option<Matrix4<f64>>,
-    /// The number of integer depth steps per millimeter, if given.
+    /// The number of integer depth steps per millimeter, if the file gives it.
     pub depth_per_mm: Option<f64>,
-    /// The value, besides 0, that marks pixels without depth.
+    /// The value, besides 0, that marks pixels without depth in a depth map, if the file gives it.
     pub no_depth: Option<f64>,
     /// Warnings about keys that are known but not used.
     pub notes: Vec<String>,
@@ -35,7 +35,7 @@ pub struct CameraFile {
 pub struct View {
     /// The projection of the camera.
     pub pinhole: Pinhole,
-    /// Width and height of its images, if given.
+    /// Width and height of the camera's images in pixels, if the file gives them.
     pub size: Option<[usize; 2]>,
 }
 

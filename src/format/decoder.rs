@@ -69,7 +69,7 @@ impl File<'_> {
         open: impl FnOnce() -> Result<D, ImageError>,
         check: impl FnOnce(u32, u32) -> Result<(), Error>,
     ) -> Result<Decoded, Error> {
-        // A panic in a third-party decoder is reported as a damaged file; the decoder is not used any more.
+        // A panic in a third-party decoder is reported as a damaged file; the decoder is not used afterwards.
         let panicked = |_| unreadable(self.format, "the decoder panicked");
         let decoder = catch_unwind(AssertUnwindSafe(open)).map_err(panicked)?;
         let mut decoder = decoder.map_err(|error| self.decode_error(&error))?;
@@ -145,7 +145,7 @@ fn eight_bits(decoded: DynamicImage) -> Option<Vec<[u8; 3]>> {
     Some(match decoded {
         DynamicImage::ImageRgb8(rgb) => {
             let samples = rgb.into_raw();
-            // The list is reused if its capacity is a multiple of three.
+            // The cast reuses the memory of the list if the capacity of the list is a multiple of three.
             bytemuck::try_cast_vec(samples)
                 .unwrap_or_else(|(_, samples)| samples.as_chunks::<3>().0.to_vec())
         }

@@ -63,8 +63,8 @@ pub fn read(bytes: &[u8], camera: Option<&CameraFile>) -> Result<RangeFile, Erro
     Ok(RangeFile { range, unit, axes: Some(Axes::Camera), rows: Rows::TopFirst, notes })
 }
 
-/// The maximum distance of a point from its ray, in cells. Rounding to single precision moves a point by 1e-4 cells; an edited point is off
-/// by far more.
+/// The maximum distance of a point from the viewing ray of its cell, in cells. Rounding to single precision moves a point by 1e-4 cells; an
+/// edited point is off by far more.
 const OFF_RAY: f64 = 0.01;
 
 /// Writes a depth map, and a camera file with the same name and the extension `json`. Colors and the flags of filled cells are lost.

@@ -34,7 +34,7 @@ pub fn read(bytes: &[u8]) -> Result<Points, Error> {
 
 /// Reads the points. Also returns the number of points that are left out because a coordinate is NaN or infinite.
 fn read_finite(bytes: &[u8]) -> Result<(Points, usize), Error> {
-    // The crate reserves memory for the stated length of the description before it reads the description.
+    // Check the stated length of the description: the crate reserves this much memory before it reads the description.
     if let Some(length) = bytes.get(DESCRIPTION).and_then(<[u8]>::first_chunk) {
         let expected = u64::from_le_bytes(*length);
         if expected > bytes.len() as u64 {

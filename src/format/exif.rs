@@ -53,7 +53,8 @@ pub fn upright(image: Image, orientation: Orientation) -> Image {
     Image::new(width, height, pixels).expect("as many pixels as before")
 }
 
-/// Returns a warning if the orientation tag of the file is not the identity. It is meant for readers that keep the pixels as stored.
+/// Returns a warning if the orientation tag of the file is not the identity. The warning is meant for readers that keep the pixels as
+/// stored.
 pub fn stored_note(bytes: &[u8]) -> Option<String> {
     let orientation = orientation(bytes);
     (orientation != Orientation::NoTransforms).then(|| {

@@ -29,7 +29,7 @@ pub(super) fn read_depth(bytes: &[u8]) -> Result<Depths, Error> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken_file)?;
     let limit = max_memory(bytes.len());
     for header in &meta.headers {
-        // The crate unpacks all channels; a value of each channel takes at least four bytes.
+        // Check the required memory: the crate unpacks all channels, and each value of a channel takes at least four bytes.
         let (width, height) = (header.layer_size.width(), header.layer_size.height());
         let per_pixel = depth::BYTES_PER_PIXEL + 4 * header.channels.list.len();
         if limit / per_pixel < width.saturating_mul(height) {

@@ -43,7 +43,7 @@ pub(super) fn decode_picture(bytes: &[u8]) -> Result<Decoded, Error> {
     )
 }
 
-/// The decoder that `image` uses, in strict mode: `image` would let it fill missing parts of the picture with gray.
+/// The decoder that `image` uses, in strict mode: `image` would let the decoder fill missing parts of the picture with gray.
 struct StrictDecoder<'b> {
     decoder: JpegDecoder<ZCursor<&'b [u8]>>,
     size: (u32, u32),

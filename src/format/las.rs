@@ -78,7 +78,7 @@ fn records(bytes: &[u8]) -> Result<PointData, Error> {
         );
     };
     kind.extra_bytes = extra_bytes;
-    // The first count is 0 if the number of points does not fit in it.
+    // The count in `header` itself is 0 if the number of points does not fit in it. Then `large_file` has the count.
     let expected = match (header.number_of_point_records, header.large_file) {
         (0, Some(large)) => large.number_of_point_records,
         (count, _) => count.into(),

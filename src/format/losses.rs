@@ -9,7 +9,8 @@ use maquette_value::{Attribute, Attributes, MATERIAL_ATTRIBUTE, MapKind, Materia
 /// Flags that nodes set for other nodes. If a file does not store them, nothing is lost.
 const MARKS: [&str; 3] = ["filled", "fixed", "folded"];
 
-/// Returns a warning that names the flags of a mesh that are left out. It is meant for formats that store other attributes.
+/// Returns a warning that names the flags that are left out when a mesh is written. The warning is meant for formats that store other
+/// attributes than flags.
 pub(super) fn flags_warning(mesh: &Mesh) -> Option<String> {
     let domains = [(mesh.vertex(), "vertices"), (mesh.corner(), "corners")];
     let mut lost = Vec::new();

@@ -152,7 +152,7 @@ impl Reader {
             Some(word) if IGNORED.contains(&word) => {}
             Some(word) => {
                 let word = excerpt(word);
-                // The limit is necessary because a file of another format can have any number of different words.
+                // The limit of 16 words is necessary because a file of another format can have any number of different words.
                 if self.left_out.len() < 16 || self.left_out.contains_key(&word) {
                     *self.left_out.entry(word).or_default() += 1;
                 }

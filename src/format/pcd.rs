@@ -100,7 +100,7 @@ fn read_points(bytes: &[u8], range: Option<ColorRange>) -> Result<(Points, Vec<S
             points.with_attribute("color", Attribute::Color(colors)).expect(has_entry_per_point);
     }
     if let Some(fields) = header.normal {
-        // Programs write NaN for a missing normal.
+        // Programs write NaN for a missing normal. Such normals become zero vectors.
         let mut normals: Vec<_> = read_triple(fields, &header, bytes)?
             .iter()
             .map(|normal| normal.coords.into())
@@ -279,7 +279,7 @@ fn number(field: &Field, word: &[u8], line: usize) -> Result<f64, Error> {
 
 fn color(field: &Field, word: &[u8], line: usize) -> Result<Rgb, Error> {
     let bits = match field.scalar {
-        // A packed color that was written as a NaN has lost its bits.
+        // A packed color that was written as NaN has lost its bits, and becomes black.
         Scalar::F32 => parse_real::<f32>(word).map(|x| if x.is_nan() { 0 } else { x.to_bits() }),
         Scalar::I32 => parse::<i32>(word).map(|bits| bits as u32),
         _ => parse(word),

@@ -131,7 +131,7 @@ fn read_finite(
 }
 
 fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), Error> {
-    // Rows without properties take no bytes, so a small file may state any number of them.
+    // Do not loop over rows without properties: they take no bytes, so a small file may state any number of them.
     if element.properties.is_empty() {
         return Ok(());
     }

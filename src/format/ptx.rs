@@ -139,7 +139,8 @@ impl Scan {
         let mut lines = lines(bytes);
         let header = Header::read(&mut lines)?;
         let (columns, rows, cells) = (header.columns, header.rows, header.cells()?);
-        // Each line has at least four numbers, each of which takes at least a digit and a blank.
+        // Reject a file that is too short for its cells: each line has at least four numbers, each of which takes at least a digit and a
+        // blank.
         if bytes.len() / 8 < cells {
             return Err(too_few_points(cells, bytes.len() / 8));
         }
@@ -168,7 +169,7 @@ impl Scan {
 
     fn into_range(self) -> Result<RangeFile, Error> {
         let (columns, rows) = (self.header.columns, self.header.rows);
-        // Programs that do not measure intensities write a constant.
+        // Constant intensities give no warning, because programs that do not measure intensities write a constant.
         let is_constant = self.intensities.windows(2).all(|pair| pair[0] == pair[1]);
         let notes = losses::range_warning((!is_constant).then_some("intensity").into_iter());
         let range =

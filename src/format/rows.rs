@@ -9,7 +9,7 @@ use maquette_node::pack::Content;
 use maquette_value::parallel::*;
 use maquette_value::{Column, Hash};
 
-/// The number of rows per task. A block is small enough to stay in a core's cache while it is filled column by column.
+/// The number of rows per task. A block of this many rows is small enough to stay in a core's cache while it is filled column by column.
 const BLOCK: usize = 4096;
 
 /// Fills a table with rows of `stride` bytes (at least 1), block by block. `fill` receives a block of rows and the index of its first row.

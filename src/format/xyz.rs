@@ -102,7 +102,7 @@ struct Table {
     columns: usize,
     /// The column names in a header line, in lower case.
     names: Vec<String>,
-    /// The number of points that a first line states.
+    /// The number of points, if the first line of the file states it.
     stated_count: Option<f64>,
 }
 

@@ -13,7 +13,7 @@ const DATE: u16 = 1 << 5 | 1;
 const DEFLATED: u16 = 8;
 const STORED: u16 = 0;
 
-/// Creates an archive of the given names and contents, in this order.
+/// Creates an archive of files with the given names and contents, in this order.
 pub(super) fn archive(files: &[(&str, &[u8])]) -> Result<Vec<u8>, Error> {
     let (mut bytes, mut directory) = (Vec::new(), Vec::new());
     for &(name, content) in files {
@@ -154,7 +154,7 @@ fn large_directory(bytes: &[u8], end: usize) -> Option<usize> {
 }
 
 impl Entry {
-    /// Reads the directory entry at the start of `bytes`. Returns it with its length.
+    /// Reads the directory entry at the start of `bytes`. Returns the entry and its length in bytes.
     fn read(bytes: &[u8]) -> Option<(Self, usize)> {
         let [name, extra, comment] = [28, 30, 32].map(|at| number(bytes, at, 2));
         let name = name?;

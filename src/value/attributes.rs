@@ -117,7 +117,7 @@ impl Attribute {
         }
     }
 
-    /// Converts the attribute to a column of parts with the given name.
+    /// Converts the attribute to a part: a named column of numbers for elements of the kind `on`.
     fn part<'a>(&'a self, name: String, on: ElementKind, is_normal: bool) -> Part<'a> {
         let vector = if is_normal { Meaning::Direction } else { Meaning::Number };
         let (meaning, width, items): (_, _, Items<'a>) = match self {

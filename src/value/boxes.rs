@@ -34,7 +34,7 @@ impl Bounds {
 /// The number of boxes per leaf.
 const LEAF: usize = 4;
 
-/// A tree of at least this many boxes builds its two halves in parallel.
+/// The minimum number of boxes in a tree whose two halves are built in parallel.
 const FOR_TWO: usize = 1 << 14;
 
 /// A tree of boxes in preorder: each node is followed by its descendants.

@@ -121,7 +121,7 @@ impl Curve {
     /// Replaces the points.
     ///
     /// # Errors
-    /// If the number of points differs, or one is not finite.
+    /// If the number of points differs from that of the curve, or a point is not finite.
     pub fn with_points(&self, points: Vec<Point3<f64>>) -> Result<Self, CurveError> {
         match &self.spline {
             None if points.len() == self.points.len() => Self::polyline(points, self.closed),

@@ -9,14 +9,15 @@ use super::{AnyValue, ValueType};
 /// An element depends only on its own part of the value: if another part changes, appears or disappears, the element stays equal, so that
 /// results computed from it stay valid.
 pub struct Elements<T> {
-    /// The word that selects these elements in graph files: `Parts` for `over: Parts("mesh")`. Empty for the default, `over: "spots"`.
+    /// The word that selects these elements in graph files: `Parts` for `over: Parts("mesh")`. Empty for the elements that are used if the
+    /// file names no word: `over: "spots"`.
     pub word: &'static str,
     /// The plural noun for the elements in messages, such as `components`.
     pub name: &'static str,
     /// The type of each element.
     pub kind: &'static ValueType,
-    /// Splits a value into all its elements, in order, if there are at most `max_count`. `before` holds the elements of another value, or
-    /// nothing. An element of `before` that is equal to a new one may be reused instead of being built again.
+    /// Splits a value into all its elements, in order, if there are at most `max_count`. `before` holds the elements of another value, and
+    /// may be empty. An element of `before` that is equal to a new one may be reused instead of being built again.
     pub cut: fn(value: &T, max_count: usize, before: &[AnyValue]) -> ElementsResult,
 }
 

@@ -19,7 +19,7 @@ pub struct Encoder {
     separate_size: usize,
     /// The columns that are stored separately. `None` if the content is only hashed.
     columns: Option<Vec<Arc<dyn Bytes>>>,
-    /// False if a stored column no longer has its hash, because its memory was overwritten.
+    /// False if the memory of a stored column was overwritten, so that its bytes do not match its hash.
     is_intact: bool,
 }
 
@@ -160,7 +160,7 @@ pub struct EncodedValue {
     pub bytes: Vec<u8>,
     /// The columns that are stored separately because they are large.
     pub columns: Vec<Arc<dyn Bytes>>,
-    /// False if the value's memory was overwritten, so that the bytes no longer have the value's hash.
+    /// False if the value's memory was overwritten, so that its bytes do not match its hash.
     pub is_intact: bool,
 }
 

@@ -41,7 +41,7 @@ pub fn decode_utf8(bytes: Vec<u8>) -> Result<String> {
     })
 }
 
-/// Returns the error for the byte at the offset `at`, or for the whole file if `is_wide` says that it is UTF-16.
+/// Returns the error for the byte at the offset `at`. If `is_wide` is true, the entire file is UTF-16, and the error is for the file.
 fn not_utf8_error(bytes: &[u8], at: usize, is_wide: bool) -> Error {
     let at = if is_wide { 0 } else { at };
     let line_start = bytes[..at].iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);

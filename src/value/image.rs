@@ -122,7 +122,7 @@ impl Image {
         self.sample_beyond(uv, [Wrap::Clamp; 2])
     }
 
-    /// The color as in [`sample`](Self::sample), except that the picture continues beyond its border in u and v as `wrap` says.
+    /// Returns the color as [`sample`](Self::sample) does, except that the picture continues beyond its border in u and v as `wrap` says.
     ///
     /// # Panics
     /// If the picture is empty.
@@ -157,7 +157,7 @@ impl Lab {
         let y = 0.2126729 * r + 0.7151522 * g + 0.0721750 * b;
         let z = (0.0193339 * r + 0.119_192 * g + 0.9503041 * b) / 1.08883;
         let [fx, fy, fz] = [x, y, z].map(|t| {
-            // The numbers are (6/29)^3 and 3 (6/29)^2. Below the first number a line replaces the cube root.
+            // The two decimal numbers are (6/29)^3 and 3 (6/29)^2. For `t` up to the first number, a line replaces the cube root.
             if t > 0.008_856_452 { libm::cbrtf(t) } else { t / 0.128_418_55 + 4.0 / 29.0 }
         });
         Self { l: 116.0 * fy - 16.0, a: 500.0 * (fx - fy), b: 200.0 * (fy - fz) }

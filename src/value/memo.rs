@@ -9,8 +9,8 @@ pub trait Memo: Clone + Send + Sync + 'static {
     /// A name that is unique among the program's memo types.
     const NAME: &'static str;
 
-    /// Writes everything that distinguishes this memo from others, so that equal memos have equal hashes and different ones do not. If the
-    /// memo is a function of some input, the input may be written instead.
+    /// Writes everything that distinguishes this memo from others, so that equal memos have equal hashes and different memos have different
+    /// hashes. If the memo is a function of some input, the input may be written instead.
     fn encode(&self, to: &mut Encoder);
 
     /// The memory that the memo holds, in bytes.

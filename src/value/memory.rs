@@ -57,7 +57,7 @@ pub fn keep_freed() {
         ] {
             // SAFETY: `mallopt` sets a number under the allocator's own lock; existing lists are freed as they were allocated.
             let set = unsafe { libc::mallopt(setting, bytes) };
-            // If the call fails, the program is only slower.
+            // Ignore a failure of the call, which only makes the program slower.
             let _ = set;
         }
     });
@@ -90,7 +90,7 @@ fn advise<T>(items: &mut [T]) {
             rustix::mm::Advice::LinuxHugepage,
         )
     };
-    // A system without large pages reports an error. Ordinary pages are used then.
+    // Ignore the error that a system without large pages reports: ordinary pages are used then.
     let _ = advised;
 }
 

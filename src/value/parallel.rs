@@ -197,7 +197,8 @@ pub trait Parallel: Sized + Send {
         self.fold_parts(&identity, &f).into_iter().fold(identity(), &f)
     }
 
-    /// The first `Some` that `f` returns, in the order of the items. `f` may also be called with later items.
+    /// The first `Some` that `f` returns, in the order of the items. `None` if `f` returns `None` for all items. `f` may also be called
+    /// with later items.
     fn find_map_first<T: Send>(self, f: impl Fn(Self::Item) -> Option<T> + Sync) -> Option<T> {
         let first = AtomicUsize::new(usize::MAX);
         let found_by_part = of_parts(self, &|index: usize, part: Self| {
@@ -213,7 +214,7 @@ pub trait Parallel: Sized + Send {
         found_by_part.into_iter().flatten().next()
     }
 
-    /// The index of the first item for which `f` is true.
+    /// The index of the first item for which `f` is true; `None` if there is no such item.
     fn position_first(self, f: impl Fn(Self::Item) -> bool + Sync) -> Option<usize> {
         self.enumerate().find_map_first(|(index, item)| f(item).then_some(index))
     }
@@ -232,7 +233,7 @@ pub trait Parallel: Sized + Send {
 /// Items in parts of a minimum length.
 pub type MinLen<P> = Adapted<P, fn(<P as Parallel>::Part) -> <P as Parallel>::Part, true>;
 
-/// Converts the sequential iterator of each part by `adapt`. `EXACT` is true if this keeps the number of items.
+/// Converts the sequential iterator of each part by `adapt`. `EXACT` is true if `adapt` keeps the number of items.
 fn adapt<const EXACT: bool, P: Parallel, I: Iterator<Item: Send>>(
     items: P,
     max_parts: usize,

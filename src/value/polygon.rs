@@ -26,11 +26,12 @@ pub fn orientation([a, b, c]: [PlanePoint; 3]) -> f64 {
     orient2d(coord(a), coord(b), coord(c))
 }
 
-/// The maximum area of a triangle that may be flipped in a fan, as a fraction of the polygon's area. Smaller areas are rounding errors.
+/// The maximum area of a flipped triangle that is tolerated in a fan, as a fraction of the polygon's area. Areas up to this one are
+/// rounding errors.
 const ROUNDING: f64 = 1e-9;
 
-/// The maximum cosine of the angle between the normals of a polygon and of a flipped triangle. A triangle that merely leans by more than a
-/// right angle, as in a quad that is folded along its diagonal, does not count as flipped.
+/// The maximum cosine of the angle between the normals of a polygon and of a triangle that counts as flipped. A triangle that merely leans
+/// by more than a right angle, as in a quad that is folded along its diagonal, does not count as flipped.
 const TURNED: f64 = -0.5;
 
 /// Returns true if the fan of triangles around the first corner covers the polygon, which means that no triangle is flipped.

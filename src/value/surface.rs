@@ -38,9 +38,9 @@ pub enum SurfaceError {
     Count {
         /// The parameter direction whose knots do not match: `u` or `v`.
         along: char,
-        /// The number of control points that the knots are for.
+        /// The number of control points that the knots require.
         knots: usize,
-        /// The number of control points of the net.
+        /// The number of control points of the net in this direction.
         points: usize,
     },
     /// Any other violation of the invariant of [`Surface`]; contains the message.

@@ -50,8 +50,8 @@ pub trait Value: Clone + Send + Sync + 'static {
     /// contiguously. Tests compare parts; a value without parts is compared by [`describe`](Value::describe).
     fn parts(&self) -> Parts<'_>;
 
-    /// Builds a value from parts with the names that [`parts`](Value::parts) uses. Optional columns may be missing, and numbers may have
-    /// any width.
+    /// Builds a value from parts with the names that [`parts`](Value::parts) uses. Optional columns may be missing, and numbers may be
+    /// stored in any number type.
     ///
     /// # Errors
     /// If a part is missing, has the wrong shape, or holds numbers that the type does not allow. If the type does not implement this

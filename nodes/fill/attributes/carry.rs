@@ -159,7 +159,8 @@ impl<'a> AttributeCarrier<'a> {
         for (name, attribute) in from.vertex().iter() {
             onto = onto.with_vertex(name, self.named_column(name, attribute))?;
         }
-        // Only corner and face attributes need a corner and a face for each vertex; finding these takes a pass over the whole mesh.
+        // Only corner and face attributes need a corner and a face of each vertex. Without such attributes, skip the search, which reads
+        // the whole mesh.
         if from.corner().iter().next().is_none() && from.face().iter().next().is_none() {
             return Ok(onto);
         }

@@ -97,7 +97,7 @@ impl Rim {
             let (after, before) = (vertices[(k + 1) % count], vertices[(k + count - 1) % count]);
             let one_ring = one_rings.triangles_around(vertex);
             let beyond = one_ring.iter().find(|face| {
-                // In the input triangle, the edge runs opposite to the rim.
+                // The input triangle contains the rim edge in the opposite direction.
                 (0..3).any(|i| face[i] == after && face[(i + 1) % 3] == vertex)
             });
             let normal = beyond.map(|&face| area_vector(filling.corners(face)));
@@ -130,7 +130,7 @@ impl Rim {
         rim.ring = ring.iter().map(|&vertex| filling.point(vertex)).collect();
         for &vertex in vertices {
             for face in one_rings.triangles_around(vertex) {
-                // Add a triangle that touches several rim vertices once, for the lowest of them.
+                // Add a triangle that touches several rim vertices only once: for the rim vertex with the lowest index.
                 let lowest = face.iter().filter(|&corner| indices.contains_key(corner)).min();
                 if lowest == Some(&vertex) {
                     rim.triangles.push(face.map(|vertex: u32| match indices.get(&vertex) {

@@ -29,7 +29,8 @@ const MIN_EDGES: usize = 3;
 /// Minimum area of a face divided by the mean face area; smaller faces belong to no segment.
 const MIN_AREA: f64 = 0.15;
 
-/// Maximum root mean square distance of a segment's vertices from the segment's plane or paraboloid, in edge lengths.
+/// Maximum root mean square distance of a segment's vertices from the segment's plane or paraboloid, as a multiple of the mean edge length
+/// at the hole's rim.
 const MAX_MISFIT: f64 = 0.12;
 
 /// Minimum ratio of the mean bending at edges between segments to the mean bending at edges inside segments. Both are measured on smoothed
@@ -93,7 +94,7 @@ impl Charts {
         })
     }
 
-    /// Returns true if the segments that meet at a rim vertex do so at an angle of more than 20 degrees, at each such vertex.
+    /// Returns true if, at every rim vertex where segments meet, they meet at an angle of more than 20 degrees.
     fn are_facets(&self, rim: &Rim) -> bool {
         (0..rim.len()).filter(|&k| self.rim_sets[k].count_ones() == 2).all(|k| {
             let set = self.rim_sets[k];

@@ -15,8 +15,8 @@ use crate::triangles::triangulation::NONE;
 /// Cosine of the maximum angle, 12 degrees, between a face and the flat piece to which it is added.
 const FLAT_COSINE: f64 = 0.9781476007338057;
 
-/// Maximum misfit of the smaller of two merged segments to their common surface, as a multiple of the tolerance for all vertices. Without
-/// this limit, a large segment would absorb small ones that do not fit.
+/// Maximum misfit of the smaller of two merged segments to their common surface, as a multiple of the maximum misfit of both segments
+/// together. Without this limit, a large segment would absorb small ones that do not fit.
 const MAX_SMALLER_MISFIT: f64 = 1.5;
 
 /// The band of faces around a hole.

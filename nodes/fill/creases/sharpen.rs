@@ -139,8 +139,8 @@ impl Sharpening<'_> {
     /// Moves a point approximately to the nearest position that is on the surfaces of all segments in `set`.
     fn project(&self, mut point: Point3<f64>, set: u32) -> Point3<f64> {
         for _ in 0..4 {
-            // Project to one surface after the other, each time at right angles to the previous steps, so that the point stays on those
-            // surfaces.
+            // Project to one surface after the other, each time at right angles to the previous steps, so that the point stays on the
+            // surfaces that it has already reached.
             let mut done: Vec<Vector3<f64>> = Vec::new();
             for (_, chart) in (0_u32..).zip(&self.charts.charts).filter(|(k, _)| set >> k & 1 == 1)
             {

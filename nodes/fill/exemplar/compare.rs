@@ -30,7 +30,7 @@ const STAGES: usize = 6;
 pub(super) struct Alignment {
     /// The distances from the samples to the exemplar along the samples' normals; NaN where the exemplar has no surface.
     pub(super) distances: Vec<f64>,
-    /// The plane that fits `distances` best. It must be subtracted from them.
+    /// The plane that fits `distances` best. Callers must subtract the plane from `distances`.
     pub(super) plane: Plane,
 }
 

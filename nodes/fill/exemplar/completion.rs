@@ -73,15 +73,16 @@ pub(crate) const NORMAL_RADIUS: f64 = 0.4;
 /// Minimum number of exemplars (patches of the input surface to copy from); a level with fewer is skipped.
 pub(crate) const MIN_EXEMPLARS: usize = 32;
 
-/// Maximum number of samples along a patch's radius: 8 give about 200 samples per patch. The user's sample distance cannot exceed this
-/// number.
+/// Maximum number of samples along a patch's radius: 8 give about 200 samples per patch. A sample distance that would give more samples is
+/// enlarged.
 pub(crate) const MAX_SAMPLES: f64 = 8.0;
 
 /// Multiple of the edge length above which the sample distance makes a level sparse: then only some of the vertices are samples.
 pub(crate) const SPARSE: f64 = 1.3;
 
 /// Replaces [`SPARSE`] for the method [`Update::Published`], which should move all vertices. With a smaller value, only few vertices of a
-/// hole about 7 edges wide would move on the coarsest level. With a larger one, the coarse levels of wider holes would compare more samples.
+/// hole about 7 edges wide would move on the coarsest level. With a larger value, the coarse levels of wider holes would compare more
+/// samples.
 pub(crate) const SPARSE_PUBLISHED: f64 = 2.0;
 
 /// Returns, for each input vertex, the distance to the nearest vertex of the fill; infinite if it exceeds `max_distance`.
@@ -126,7 +127,7 @@ pub(crate) struct Completion<'a> {
     pub(super) n_data_faces: usize,
     pub(super) options: &'a ExemplarOptions,
     pub(super) allowed: Option<&'a [bool]>,
-    /// The colors of all vertices; empty if colors are not compared.
+    /// The colors of all vertices of the filled mesh; empty if colors are not compared.
     pub(super) colors: Vec<Color>,
     pub(super) hole: Hole,
     /// For each vertex of the fill, whether creases are extended across its hole in the initial fill; empty if they are across no hole.

@@ -11,8 +11,8 @@ use super::roughness::Roughness;
 use super::spread::Plate;
 use super::surface::{NONE, Surface};
 
-/// Stiffness with which vertices are held at their positions while detail is added. With a twentieth of this value, the added detail bends
-/// the whole surface: on eight holes in each of five surfaces, fills were up to 25 % farther from the true surface.
+/// Stiffness with which vertices are held at their positions while detail is added. With a twentieth of this stiffness, the added detail
+/// bends the whole surface: on eight holes in each of five surfaces, fills were up to 25 % farther from the true surface.
 const STIFFNESS: f64 = 2.0;
 
 /// Maximum factor by which copied detail is amplified.
@@ -109,7 +109,7 @@ impl<'a> Alignments<'a> {
     /// Returns the sum of the differences between a vertex of the fill and its neighbors along its normal, as on the exemplar of the patch
     /// `center`. The sum is the mean of two values: one measured on the exemplar at the positions of the vertices, the other at the nearest
     /// vertex of the input mesh. The first value blurs roughness between adjacent vertices; the second one counts a different triangulation
-    /// as roughness. NaN if the exemplar has no surface there.
+    /// as roughness. The result is NaN if the exemplar has no surface at one of these positions.
     fn exemplar_height(&mut self, vertex: u32, center: usize) -> f64 {
         let Detail { surface, exemplars, outcome, orientations, cells, .. } = *self.detail;
         let plane =

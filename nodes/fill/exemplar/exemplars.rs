@@ -255,7 +255,7 @@ impl Source<'_> {
         Frame::new(self.points[vertex as usize], normal, self.up)
     }
 
-    /// Returns the colors around a vertex; the default value if colors are not compared.
+    /// Returns the colors around a vertex; all zeros if colors are not compared.
     fn tint(&self, vertex: u32, frame: &Frame, marks: &mut Marks) -> Tint {
         if self.colors.is_empty() {
             return Tint::default();

@@ -28,7 +28,8 @@ enum Node {
         start: u32,
         end: u32,
     },
-    /// An inner node. Descriptors whose component `axis` is below `at` are in the subtree that follows, the others in that of `right`.
+    /// An inner node. Descriptors whose component `axis` is below `at` are in the subtree that follows this node, the others in the subtree
+    /// of the node with the index `right`.
     Split {
         axis: u8,
         at: f32,

@@ -103,7 +103,7 @@ impl Guide {
     }
 }
 
-/// Number of iterations between searches of all exemplars. In the others, only exemplars near known matches are compared.
+/// Number of iterations between searches of all exemplars. In the other iterations, only exemplars near known matches are compared.
 const FULL_SEARCH_INTERVAL: u64 = 4;
 
 /// A search of all exemplars, instead of only those near known matches.

@@ -88,11 +88,12 @@ impl ExemplarOptions {
         self.patience.unwrap_or(usual).max(1)
     }
 
-    /// Returns the falloff of weights, or the default of the update rule.
+    /// Returns the falloff of weights that the user chose, or otherwise the default falloff for the chosen `update`.
     pub(super) fn falloff_or_default(&self) -> Falloff {
         self.falloff.unwrap_or(match self.update {
             Update::Exact => Falloff::default(),
-            // With base 1.3, the rims have too little influence against an initial fill that is a cone; with 3, too few patches agree.
+            // With base 1.3 instead of 2, the rims have too little influence against an initial fill that is a cone; with 3, too few
+            // patches agree.
             Update::Published => Falloff { base: 2.0, rate: 0.0 },
         })
     }

@@ -54,7 +54,7 @@ pub(super) struct Search<'a> {
 /// The number of candidates from the k-d tree of descriptors, over all orientations.
 const FROM_TREE: usize = 16;
 
-/// The number of random candidates. Each is half as far from the best match as the one before.
+/// The number of random candidates. Each candidate is half as far from the best match as the previous one.
 const RANDOM: u64 = 4;
 
 /// Buffers for the search of one patch, reused for other patches.
@@ -156,7 +156,7 @@ impl Search<'_> {
         patch.prepare(self.radius, true);
     }
 
-    /// Returns the mean color of a patch and the color's slopes in the patch's frame; the default value if colors are not compared.
+    /// Returns the mean color of a patch and the color's slopes in the patch's frame; all zeros if colors are not compared.
     fn tint(&self, center: usize, patch: &PatchSamples) -> Tint {
         if self.colors.is_empty() {
             return Tint::default();

@@ -14,7 +14,7 @@ use super::surface::{NONE, Surface};
 pub(crate) struct Sources(Vec<Option<(u32, [[f64; 3]; 3])>>);
 
 impl Sources {
-    /// Returns a value in which no face copies anything.
+    /// Returns the sources of a fill whose faces copy nothing.
     pub(super) fn empty() -> Self {
         Self(Vec::new())
     }
@@ -68,8 +68,8 @@ impl Sources {
     }
 }
 
-/// Returns the most frequent cell among the corners of a face; if several are equally frequent, the first of them. `None` if it is
-/// [`NONE`].
+/// Returns the most frequent cell among the corners of a face; if several are equally frequent, the first of them. `None` if the most
+/// frequent cell is [`NONE`].
 fn cell_of(cells: [u32; 3]) -> Option<u32> {
     fn times(cell: u32, cells: [u32; 3]) -> usize {
         cells.iter().filter(|&&other| other == cell).count()

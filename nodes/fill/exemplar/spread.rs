@@ -70,8 +70,8 @@ impl<'a> Plate<'a> {
     }
 }
 
-/// Stiffness that holds the given motions, relative to that of the plate. With a smaller value, the plate does not follow waves two samples
-/// long. With a larger value, it bends at each sample.
+/// Stiffness that holds the given motions, relative to the stiffness of the plate. With a smaller value, the plate does not follow waves
+/// two samples long. With a larger value, the plate bends at each sample.
 const STIFFNESS: f64 = 100.0;
 
 /// Spreads the motions of some vertices of the fill to all of its vertices.

@@ -7,8 +7,8 @@ use super::frame::Orientation;
 pub(super) type Color = [f64; 3];
 
 /// Fraction of a patch's radius within which colors are compared. It is the maximum distance from a patch's center at which vertices copy
-/// from the patch. With the whole patch, patches with different centers look alike. With half of it, the textures that neighboring patches
-/// copy agree less.
+/// from the patch. With the whole radius, patches with different centers look alike. With half of the radius, the textures that neighboring
+/// patches copy agree less.
 pub(super) const PART: f64 = 0.7;
 
 /// The colors around the center of a patch: their mean, and the change of the color per radius along `x` and `y`.

@@ -71,7 +71,8 @@ impl Votes {
         &self.votes[self.starts[filled] as usize..self.starts[filled + 1] as usize]
     }
 
-    /// For each vertex of the fill, returns the weighted mean of `read` over the input vertices that vote for it; `None` if there are none.
+    /// For each vertex of the fill, returns the weighted mean of `read` over the input vertices that vote for it; `None` if no input vertex
+    /// votes for it.
     pub(crate) fn mean<const N: usize>(
         &self,
         read: impl Fn(u32) -> [f64; N],

@@ -88,7 +88,7 @@ struct Node {
     bounds: Bounds,
     /// The number of nodes in the subtree of this node, not counting the node itself.
     below: u32,
-    /// Index of the first triangle of a leaf, `last` is the end of the range. For an inner node the range is empty.
+    /// The triangles of a leaf have the indices `first..last`. For an inner node this range is empty.
     first: u32,
     last: u32,
 }

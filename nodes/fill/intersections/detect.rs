@@ -10,7 +10,8 @@ use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::area_vector;
 
 /// Maximum number of triangle pairs to test, in addition to [`USUAL_PAIRS_PER_TRIANGLE`]. A pair is tested if it contains a triangle of the
-/// fill and its boxes overlap. Testing the maximum takes some tenths of a second. Triangles as long as the fill overlap all others.
+/// fill and its boxes overlap. Testing the maximum takes some tenths of a second. The limit is exceeded if many triangles are as long as
+/// the fill: their boxes overlap the boxes of all others.
 const MAX_PAIRS: Limit = Limit {
     max: 500_000,
     items: "comparisons of triangles",

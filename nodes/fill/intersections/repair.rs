@@ -12,7 +12,8 @@ use super::detect::{Intersections, intersect};
 use crate::border::rim::Rim;
 use crate::triangles::triangulation::{NONE, Triangulation, previous};
 
-/// Maximum number of changes. A fill that intersects at more positions needs to be replaced by another surface.
+/// Maximum number of edge flips and collapses in the repair of one fill. A fill that intersects at more positions needs to be replaced by
+/// another surface.
 const MAX_CHANGES: usize = 100;
 
 /// Maximum number of faces for which no change helps. If there are more, a whole region intersects something, and the repair stops.
@@ -78,7 +79,7 @@ struct Repair<'a> {
     all: Boxes,
     /// The faces that were changed or removed since the repair began.
     changed: Vec<u32>,
-    /// The number of compared triangle pairs.
+    /// The number of triangle pairs compared so far.
     comparisons: Cell<usize>,
 }
 

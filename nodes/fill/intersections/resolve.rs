@@ -62,7 +62,8 @@ impl HoleFills<'_> {
         for &method in others {
             self.improve(&self.intersecting(), method, options, progress)?;
         }
-        // In one round, the fills of several adjacent holes may change at once, and the new fills may intersect each other.
+        // The fills of several adjacent holes may have changed at once, and the new fills may intersect each other. Improve the remaining
+        // holes one by one.
         let intersecting = self.intersecting();
         if intersecting.len() < 2 {
             return Ok(());
@@ -124,7 +125,7 @@ impl HoleFills<'_> {
         if let Some(method) = method {
             let unwanted_creases = options.method == PlainMethod::PlateOrCreases && fill.is_sharp;
             match fill_hole(self.filling, &rim, PlainOptions { method, ..options }, progress) {
-                // Drop creases that the user did not ask for without a warning.
+                // Drop, without a warning, creases that the user did not ask for.
                 Ok(other) if method == PlainMethod::ThinPlate && unwanted_creases => fill = other,
                 Ok(other) => fill = HoleFill { fallback: Some(Fallback::Intersection), ..other },
                 Err(RefineError::Cancelled) => return Err(CancelledError.into()),

@@ -63,7 +63,7 @@ pub(crate) fn fill_hole(
             }
         }
     }
-    // If the rim is too rough for a plate or has few edges, creases may be found by chance.
+    // Creases are not certain if the rim is too rough for a plate or has few edges: then they may be found by chance.
     fn are_creases_certain(fallback: &Option<Fallback>, rim: &Rim) -> bool {
         fallback.is_none() && MIN_RIM_EDGES <= rim.len()
     }

@@ -79,7 +79,7 @@ const RED: [u8; 3] = [200, 40, 30];
 const BLUE: [u8; 3] = [30, 60, 190];
 
 /// Returns a wavy sheet with two colors. It is red around its hole and on the left, where the waves are lower. It is blue on the right,
-/// where they are as high as around the hole.
+/// where the waves are as high as around the hole.
 fn two_colors() -> Mesh {
     fn height(x: f64) -> f64 {
         0.25 + 0.05 * libm::tanh(x - 6.0)

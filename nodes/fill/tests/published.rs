@@ -13,7 +13,7 @@ fn published_method(radii: &[f64]) -> FillMethod {
     })
 }
 
-/// Returns the root mean square of `off` over the vertices of the fill.
+/// Returns the root mean square over the vertices of the fill of `off`, the deviation of a point from the known surface.
 fn rms(mesh: &Mesh, method: FillMethod, off: impl Fn(&Point3<f64>) -> f64) -> f64 {
     let filled = fill(mesh, HoleChoice::Edges { max: 60 }, method).unwrap().mesh;
     let new = &filled.positions()[mesh.positions().len()..];

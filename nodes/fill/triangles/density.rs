@@ -21,7 +21,8 @@ const SHORT_RATIO: f64 = 0.8;
 /// Maximum number of passes over all edges; four or five are usual.
 const MAX_PASSES: usize = 20;
 
-/// The passes end when a pass has changed at most one in this many edges. Further passes would move few vertices, by small distances.
+/// The passes end when a pass has changed at most this fraction of the edges: 1 / `CONVERGED_DIVISOR`. Further passes would move few
+/// vertices, by small distances.
 const CONVERGED_DIVISOR: usize = 100;
 
 /// Cosine of the maximum angle, 75 degrees, by which a face may rotate when an edge collapses.

@@ -16,8 +16,8 @@ pub(crate) const MAX_EDGES: usize = 200;
 /// Triangulates a hole. Corners are indices of rim vertices. Triangles and rim are counter-clockwise seen from the side to which `normals`
 /// point.
 ///
-/// `normals` has, for each rim edge, from its vertex to the next, the unit normal of the input triangle at the edge. `is_taken` returns
-/// true if the mesh has an edge between two vertices; no triangle gets such an edge. Returns `None` if no triangulation avoids these edges.
+/// `normals[k]` is the unit normal of the input triangle at the rim edge from vertex `k` to the next vertex. `is_taken` returns true if the
+/// mesh has an edge between two vertices; no triangle gets such an edge. Returns `None` if no triangulation avoids these edges.
 pub(crate) fn triangulate(
     points: &[Point3<f64>],
     normals: &[Vector3<f64>],

@@ -234,8 +234,8 @@ impl Triangulation {
             let [a, b] = [next(half), previous(half)].map(|half| self.twins[half as usize]);
             let opposite = self.corners[previous(half) as usize];
             self.join_twins(a, b);
-            // `a` and `b` are the twins of the other two sides of a collapsed triangle; `NONE` at the border. At most one of them is `NONE`.
-            // The other one has an end at the triangle's third vertex, `opposite`.
+            // `a` and `b` are the twins of the other two sides of a collapsed triangle; `NONE` at the border. At most one of them is
+            // `NONE`. A twin that is not `NONE` has an end at the triangle's third vertex, `opposite`.
             let kept = if a != NONE { a } else { b };
             for half in [kept, next(kept)] {
                 let from = self.corners[half as usize];

@@ -30,7 +30,7 @@ pub(crate) fn blur(levels: Levels<'_>, sigma: f64) -> Vec<f32> {
 
 /// Returns the values of the Gaussian at the distances 0, 1, ... pixels up to its cutoff, or up to the size of the picture.
 fn weights(sigma: f64, size: usize) -> Vec<f32> {
-    // The square of a smaller number would underflow to zero.
+    // Replace smaller values, because their squares could underflow to zero.
     let sigma = sigma.max(1e-100);
     let count = (CUTOFF * sigma).ceil() as usize;
     (0..=count.min(size))

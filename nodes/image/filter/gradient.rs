@@ -142,7 +142,8 @@ fn gradient_of_strip(levels: Levels<'_>, operator: Operator, first: usize, lengt
     }
 }
 
-/// Writes the lengths of the gradients in a row. The differences along the row are computed, those across it are given as `down`.
+/// Writes the lengths of the gradients in a row. The differences along the row are computed here; `down` holds the differences across the
+/// row.
 #[inline(always)]
 fn write_lengths(operator: Operator, row: &[f32], down: &[f32], to: &mut [f32]) {
     let last = row.len() - 1;
@@ -160,8 +161,8 @@ fn write_lengths(operator: Operator, row: &[f32], down: &[f32], to: &mut [f32]) 
     (to[0], to[last]) = (at_start, at_end);
 }
 
-/// Writes the lengths of the gradients in a row for Sobel's operator. It averages the differences across the row, `down`, along the row;
-/// beyond the ends of the row, the end values are repeated.
+/// Writes the lengths of the gradients in a row for Sobel's operator. `down` holds the differences across the row, which are averaged along
+/// the row. Beyond the ends of the row, its end values are repeated.
 #[inline(always)]
 fn write_lengths_of_means(row: &[f32], down: &[f32], to: &mut [f32]) {
     let last = row.len() - 1;
@@ -207,7 +208,8 @@ fn neighbors(operator: Operator, index: usize, count: usize) -> (usize, usize) {
     }
 }
 
-/// Returns the distance between the two positions that [`neighbors`] returns. Returns 1 if both are the same; their difference is 0.
+/// Returns the distance between the two positions that [`neighbors`] returns. Returns 1 if the two positions are the same; the difference
+/// of their levels is then 0.
 #[inline(always)]
 fn neighbor_distance(operator: Operator, index: usize, count: usize) -> f32 {
     let (before, after) = neighbors(operator, index, count);

@@ -11,7 +11,8 @@ const CHUNK: usize = 1 << 12;
 const SAMPLED: usize = 256;
 
 /// Returns the smallest of the numbers such that at least `percent` percent of them are not greater: the nearest rank. Only numbers for
-/// which `within` is 1 count; all if it is `None`. `numbers` must be neither negative nor NaN. Returns `None` if no number counts.
+/// which `within` is 1 count; if `within` is `None`, all numbers count. `numbers` must be neither negative nor NaN. Returns `None` if no
+/// number counts.
 ///
 /// A sample gives a lower and an upper bound for the result. One pass counts the numbers below the bounds and collects the numbers between
 /// them, about a hundredth of all. If the result is not between the bounds, a second pass searches beyond one of them: Floyd and Rivest,
@@ -49,8 +50,8 @@ fn sample_index(k: usize) -> usize {
     SAMPLED * k + k.wrapping_mul(0x9e37_79b1) / (1 << 24) % SAMPLED
 }
 
-/// Returns a lower and an upper bound for the percentile, four standard deviations of its rank away from it. The percentile is not between
-/// them for about one of ten thousand samples.
+/// Returns a lower and an upper bound for the percentile: the sampled numbers whose ranks are four standard deviations below and above the
+/// expected rank. For about one of ten thousand samples, the percentile is not between the bounds.
 fn estimate(mut sample: Vec<f32>, fraction: f64) -> [f32; 2] {
     let rank = fraction * sample.len() as f64;
     let margin = 4.0 * (rank * (1.0 - fraction)).sqrt() + 1.0;
@@ -110,7 +111,7 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
 }
 
 impl Chunk<'_> {
-    /// Returns one bit per number: 1 if the number is inside the mask and `is` returns true.
+    /// Returns one bit per number: 1 if the number is inside the mask and `is` returns true for the number.
     #[inline(always)]
     fn bits(&self, is: impl Fn(f32) -> bool) -> [u64; CHUNK / WORD] {
         let mut bits = [u64::MAX; CHUNK / WORD];

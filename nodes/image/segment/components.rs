@@ -41,9 +41,9 @@ pub(crate) struct Strip {
     runs: Vec<LabelRun>,
     /// For each run, the index of a connected run, not greater than its own index. The first run of a component refers to itself.
     parents: Vec<u32>,
-    /// The number of runs in the first row.
+    /// The number of runs in the first row of the strip.
     first: usize,
-    /// The number of runs in the last row.
+    /// The number of runs in the last row of the strip.
     last: usize,
 }
 
@@ -104,7 +104,8 @@ impl Strip {
         self.parents[a.max(b) as usize] = a.min(b);
     }
 
-    /// Finds the first run of a component, with path halving: Tarjan and van Leeuwen, "Worst-case analysis of set union algorithms" (1984).
+    /// Finds the first run of the component that contains `run`, with path halving: Tarjan and van Leeuwen, "Worst-case analysis of set
+    /// union algorithms" (1984).
     fn find(&mut self, mut run: u32) -> u32 {
         while self.parents[run as usize] != run {
             let parent = self.parents[run as usize];
@@ -142,7 +143,7 @@ fn push_runs(pixels: &[u8], row: u32, runs: &mut Vec<LabelRun>) {
     }
 }
 
-/// Returns the number of pixels at the start that are equal to the first pixel.
+/// Returns the number of pixels at the start of the list that are equal to the first pixel.
 fn run_length(pixels: &[u8]) -> usize {
     // Compare 16 pixels at once, with one instruction of the processor.
     let sixteen = [pixels[0]; 16];

@@ -8,10 +8,10 @@ use maquette_value::{Image, Mask};
 use super::select::{Select, measure};
 use crate::checks::check_size;
 
-/// Returns a mask of the pixels of `image` that `select` accepts, or with `invert` of all others. With `within`, the result contains only
-/// pixels inside this mask.
+/// Returns a mask of the pixels of `image` that `select` accepts, or of all others if `invert` is true. With `within`, the result contains
+/// only pixels inside this mask.
 ///
-/// Returns an error if a sampled pixel is outside the picture, or if `within` does not have the size of the picture.
+/// Returns an error if the pixel of `Select::Sample` is outside the picture, or if `within` does not have the size of the picture.
 pub fn threshold(
     image: &Image,
     within: Option<&Mask>,

@@ -90,7 +90,7 @@ pub enum Channel {
     Saturation,
 }
 
-/// Measures how far a pixel is from a selection rule. Pixels are selected up to the maximum distance that [`measure`] returns.
+/// Measures how far a pixel is from being selected by a rule. Pixels are selected up to the maximum distance that [`measure`] returns.
 pub(crate) enum Measure {
     /// The distance from a color in CIE L*a*b*, with lightness differences weighted by `lightness`.
     Color { color: Lab, lightness: f32 },
@@ -132,7 +132,7 @@ pub(crate) fn measure(
 }
 
 impl Measure {
-    /// Sets `marks` for the pixels whose distance is at most `limit`; with `invert` for all other pixels.
+    /// Sets `marks` for the pixels whose distance is at most `limit`; if `invert` is true, for all other pixels instead.
     pub(crate) fn mark(&self, pixels: &[Rgb], limit: f32, invert: bool, marks: &mut [bool]) {
         if let Self::Box { space: Space::Rgb, low, high } = *self {
             return mark_box(pixels, low, high, invert, marks);
@@ -172,7 +172,7 @@ impl Measure {
     }
 }
 
-/// Sets `marks` for the pixels in a box of sRGB values; with `invert` for all other pixels.
+/// Sets `marks` for the pixels in a box of sRGB values; if `invert` is true, for all other pixels instead.
 fn mark_box(pixels: &[Rgb], low: [f32; 3], high: [f32; 3], invert: bool, marks: &mut [bool]) {
     // The smallest and largest integers in the box. Casts to `u8` saturate at 0 and 255.
     let (min, max) = (low.map(|x| x.ceil() as u8), high.map(|x| x.floor() as u8));

@@ -104,7 +104,7 @@ fn entries(mesh: &Mesh, domain: usize, name: &str) -> Vec<String> {
     let elements: Vec<String> = match domain {
         0 => vertices.clone(),
         1 => faces.map(|face| face.concat()).collect(),
-        // Writing may have cut faces into triangles.
+        // List corners without their faces, because writing may have cut faces into triangles.
         _ => faces.flatten().collect(),
     };
     let mut entries: Vec<_> = (0..)
@@ -122,7 +122,7 @@ fn remainder(kind: DataKind, before: &Mesh, after: &Mesh, name: &str) -> Remaind
         Creases if after.creases().len() == 0 => return Remainder::Nothing,
         Creases => return Remainder::All,
         Materials => {
-            // Writing may have renamed pictures.
+            // Remove the names of pictures, because writing may have changed them.
             fn nameless(mesh: &Mesh) -> Vec<Material> {
                 let mut all = mesh.materials().to_vec();
                 all.iter_mut().flat_map(|it| it.maps.values_mut()).for_each(|map| map.file.clear());

@@ -46,7 +46,7 @@ impl FileReader for MeshGltf {
     });
 }
 
-/// Reads a document. `embedded` is used as its first buffer if this buffer has no URI.
+/// Reads a document. `embedded` is the content of the document's first buffer if this buffer has no URI.
 pub(super) fn read_document(
     mut document: Json,
     embedded: &[u8],

@@ -401,7 +401,7 @@ fn default_gltf_material() -> Material {
     Material { metallic: 1.0, roughness: 1.0, is_double_sided: false, ..Material::default() }
 }
 
-/// Returns no materials if all triangles have a single default material.
+/// Returns an empty list if the only material is a default material; otherwise returns `materials`.
 pub(super) fn drop_default(materials: Vec<Material>) -> Vec<Material> {
     match &materials[..] {
         [only] if *only == Material::default() || *only == default_gltf_material() => Vec::new(),

@@ -270,7 +270,8 @@ impl<'a> Scene<'a> {
             self.pictured += 1;
         }
         for (name, &accessor) in &primitive.attributes {
-            // Tangents are not needed, because they follow from the texture coordinates. For skins there is a separate warning.
+            // Tangents are left out without a warning, because they follow from the texture coordinates. For skins there is a separate
+            // warning.
             let is_read = ["POSITION", "NORMAL", "COLOR_0", "TANGENT"].contains(&&**name);
             if is_read || ["TEXCOORD_", "JOINTS_", "WEIGHTS_"].iter().any(|it| name.starts_with(it))
             {

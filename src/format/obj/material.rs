@@ -197,7 +197,7 @@ impl Files<'_> {
             }
         }
         match color {
-            // Beside a picture exporters write arbitrary colors, which most programs ignore.
+            // Do not apply a color beside a picture: exporters write arbitrary colors there, which most programs ignore.
             Some([1.0, 1.0, 1.0]) if material.picture.is_some() => {}
             Some(color) if material.picture.is_some() => {
                 let words = color.map(|channel| channel.to_string()).join(" ");

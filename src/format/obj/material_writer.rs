@@ -92,7 +92,7 @@ impl MaterialWriter {
                 MapKind::BaseColor => continue,
                 MapKind::Emissive => &["map_Ke"][..],
                 MapKind::Metallic => &["map_Pm"],
-                // Some programs know only the first keyword, others only the second.
+                // Write both keywords: some programs know only the first, others only the second.
                 MapKind::Normal => &["norm", "map_Bump"],
                 MapKind::Occlusion => &["map_ao"],
                 MapKind::Roughness => &["map_Pr"],

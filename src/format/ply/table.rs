@@ -59,12 +59,13 @@ impl<'a> Table<'a> {
         Ok(Self { columns, rows, color_range: None })
     }
 
-    /// Removes and returns the columns with these names, if all of them exist.
+    /// Removes and returns the columns with these names. If one of them is missing, removes nothing and returns `None`.
     pub(super) fn take<const N: usize>(&mut self, names: [&str; N]) -> Option<[Column; N]> {
         self.take_if(names, |column, name| column.property.name == name)
     }
 
-    /// Removes and returns for each name the first column that matches it, if there is one for each name.
+    /// Removes and returns, for each name, the first column that matches the name. If a name has no match, removes nothing and returns
+    /// `None`.
     pub(super) fn take_if<const N: usize>(
         &mut self,
         names: [&str; N],
@@ -237,7 +238,7 @@ impl<'a> Table<'a> {
 
 /// Reads all scalar properties of an element, row by row, as little-endian doubles.
 fn read_numbers(element: &Element, body: &mut Body<'_>, stride: usize) -> Result<Vec<u8>, Error> {
-    // Rows without properties take no bytes, so a small file may state any number of them.
+    // Do not loop over rows without properties: they take no bytes, so a small file may state any number of them.
     if element.properties.is_empty() {
         return Ok(Vec::new());
     }

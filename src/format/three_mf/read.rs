@@ -54,7 +54,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<(Mesh, Vec<String>), Error> {
         assembly.add(part, item.object, &(plate * item.motion), 0)?;
     }
     if items.is_empty() {
-        // Some programs write objects, but no build items.
+        // Some programs write objects, but no build items. Add all objects that are not components of other objects then.
         let used = models[&root].components();
         for &object in models[&root].objects.keys().filter(|object| !used.contains(object)) {
             assembly.add(&root, object, &plate, 0)?;

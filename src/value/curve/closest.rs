@@ -134,7 +134,7 @@ impl Curve {
         for piece in 0..last as usize {
             let Segment { start, vector, .. } = self.segment(piece as f64);
             let fraction = ((to - start).dot(&vector) / vector.norm_squared()).clamp(0.0, 1.0);
-            // For a segment of length 0 the fraction is NaN.
+            // A segment of length 0 gives NaN. Use its start then.
             let fraction = if fraction.is_nan() { 0.0 } else { fraction };
             let distance_sq = (to - (start + vector * fraction)).norm_squared();
             if distance_sq < min_distance_sq {

@@ -84,8 +84,8 @@ impl Curve {
         points
     }
 
-    /// The number of segments per span that keeps the chords within the tolerance. The number is doubled until the middle of each segment
-    /// is near enough to its chord.
+    /// The number of segments per span that keeps the chords within the tolerance `CHORD` of the curve. The number is doubled until the
+    /// middle of each segment is near enough to its chord.
     fn choose_pieces(&self, spline: &Spline) -> usize {
         let allowed = CHORD * diagonal(&self.points);
         let mut pieces = 1;
@@ -131,7 +131,7 @@ impl Curve {
 fn distance(point: Point3<f64>, start: Point3<f64>, end: Point3<f64>) -> f64 {
     let (along, to) = (end - start, point - start);
     let fraction = (to.dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
-    // For a segment of length 0 the fraction is NaN.
+    // If the segment has length 0, the fraction is NaN. Use the start of the segment then.
     (to - along * if fraction.is_nan() { 0.0 } else { fraction }).norm()
 }
 

@@ -27,7 +27,7 @@ impl KnotVector {
         let knots = self.knots();
         let (first, last) = (self.degree(), self.n_control() - 1);
         let mut span = first + knots[first + 1..=last].partition_point(|&knot| knot <= u);
-        // The span can be empty only at the end of the domain.
+        // At the end of the domain, the span found so far can be empty. Go back to the last span that is not empty.
         while knots[span + 1] <= knots[span] {
             span -= 1;
         }

@@ -11,7 +11,7 @@ use std::ops::{Add, Mul};
 use super::basis::MAX_ORDER;
 use super::{KnotVector, KnotVectorError};
 
-/// A new knot vector for curves, with the matrix that converts the control points of the curves to it.
+/// A new knot vector for curves, with the matrix that converts the control points of the curves to this knot vector.
 ///
 /// Each new control point is a weighted mean of old ones: the factors are not negative and their sum is 1. Control points of rational
 /// curves are converted in homogeneous form (w x, w y, w z, w).
@@ -26,7 +26,7 @@ pub struct KnotChange {
 struct Row {
     /// The index of the old control point to which the first factor belongs.
     first: usize,
-    /// The first degree + 1 entries are used, the others are 0.
+    /// The factors of the new control point. Only the first degree + 1 entries are used; the others are 0.
     factors: [f64; MAX_ORDER],
 }
 

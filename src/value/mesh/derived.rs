@@ -133,7 +133,7 @@ impl Mesh {
         }
         let earlier = self.derived.of_positions.earlier.as_ref();
         let earlier = earlier.and_then(|it| Some((it.normals.upgrade()?, &it.moved)));
-        // Two concurrent calls may both compute the normals.
+        // The cache is not locked here, so two concurrent calls may both compute the normals.
         let normals = match earlier {
             Some((normals, moved)) => self.updated_normals(&normals, moved),
             None => to_single_precision(&self.vertex_normals()).into(),

@@ -16,8 +16,8 @@ pub struct MovedRows {
 }
 
 impl Mesh {
-    /// Compares positions and normals with those of an earlier mesh. `None` if the meshes also differ in anything else, except in the
-    /// texture and the frame.
+    /// Compares positions and normals with those of an earlier mesh. `None` if the meshes differ in anything besides positions, normals,
+    /// texture and frame.
     pub fn moved_since(&self, before: &Self) -> Option<MovedRows> {
         if self.hash_of_unmoved() != before.hash_of_unmoved() {
             return None;

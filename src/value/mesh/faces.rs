@@ -150,7 +150,7 @@ impl Faces {
         self.len() == 0
     }
 
-    /// The number of corners per face, if all faces have the same number.
+    /// The number of corners per face. `None` if the faces have different numbers of corners.
     pub fn sides(&self) -> Option<usize> {
         match self.shape {
             Shape::Uniform(sides) => Some(sides),
@@ -158,7 +158,7 @@ impl Faces {
         }
     }
 
-    /// All faces as triangles, if every face has three corners.
+    /// All faces as triangles. `None` if a face does not have three corners.
     pub fn as_triangles(&self) -> Option<&[[u32; 3]]> {
         (self.sides() == Some(3)).then(|| bytemuck::cast_slice(&self.corners))
     }
@@ -309,7 +309,7 @@ fn check_face(face: usize, corners: &[u32], vertices: usize) -> Result<(), MeshE
     }
 }
 
-/// The first corner whose vertex is also at an earlier corner.
+/// The first corner whose vertex is also at an earlier corner of the face. `None` if all vertices differ.
 #[inline]
 fn first_repeated_vertex(corners: &[u32]) -> Option<usize> {
     // The common case, a quad without a repeated vertex, needs no loop.

@@ -44,8 +44,8 @@ impl Mesh {
         normals
     }
 
-    /// Adds the area vector of a face to the sums in `normals`, which begin with the vertex `first`. Vertices outside of that range are
-    /// ignored.
+    /// Adds the area vector of a face to the sums in `normals`, which begin with the vertex `first`. Vertices for which `normals` has no
+    /// entry are ignored.
     fn add_area(&self, face: &[u32], first: u32, normals: &mut [Vector3<f64>]) {
         if face.iter().any(|vertex| (vertex.wrapping_sub(first) as usize) < normals.len()) {
             let area = self.area_vector(face);

@@ -23,7 +23,7 @@ const TEXTURE: &str = "texture";
 const TEXTURE_SIZE: &str = "texture size";
 const TEXTURE_CAMERA: &str = "texture camera";
 
-/// The name of the part that holds the encoded materials. The part exists if the materials are more than one plain picture.
+/// The name of the part that holds the encoded materials. The part is missing if there is no material, or only one that is a plain picture.
 const MATERIALS: &str = "materials";
 
 impl Value for Mesh {

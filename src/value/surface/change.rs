@@ -180,7 +180,7 @@ impl<'a> Lines<'a> {
         }
         let of = if sum.w > 0.0 { sum } else { plain };
         let point = Point3::from(of.xyz() / of.w);
-        // If points are close to the maximum of `f64`, the weighted sum overflows.
+        // If points are close to the maximum of `f64`, the weighted sum overflows. Use the first of the points then.
         let finite = point.coords.iter().all(|x| x.is_finite());
         (if finite { point } else { from[self.index(line, sources[0].0)] }, sum.w)
     }

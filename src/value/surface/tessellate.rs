@@ -51,7 +51,7 @@ impl Surface {
             .with_vertex("normal", Attribute::Vector(normals.collect()))
     }
 
-    /// Parameters in one direction that keep the chords within the tolerance.
+    /// Parameters in one direction, close enough to keep the chords within the tolerance `CHORD` of the surface.
     ///
     /// The heights of chords are measured on two pieces per span. A height decreases with the square of the number of pieces.
     fn choose_parameters(&self, along: ParameterDirection) -> Vec<f64> {

@@ -27,7 +27,7 @@ impl FaceBins {
         Self(bins_of_blocks.collect())
     }
 
-    /// The faces for which `is_wanted` is true, in order. Only the blocks of faces that use a vertex in one of these bins are scanned.
+    /// The faces for which `is_wanted` is true, in order. Only the blocks of faces that use a vertex in one of the given bins are scanned.
     pub(in crate::mesh) fn faces(
         &self,
         faces: &Faces,

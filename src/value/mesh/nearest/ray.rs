@@ -136,7 +136,7 @@ impl Ray {
         }
         let det = u + v + w;
         let along = (u * a[2] + v * b[2] + w * c[2]) / det;
-        // Seen along the ray, the triangle may have no area. Then the quotients are not finite.
+        // If the triangle has no area as seen along the ray, the quotients are not finite. Such a triangle is not hit.
         let is_met = det != 0.0 && 0.0 <= along && along.is_finite();
         let barycentric = [u / det, v / det, w / det];
         let Triangle { face, corners, .. } = *triangle;
