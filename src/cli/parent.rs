@@ -33,4 +33,4 @@ pub(crate) fn end_with_parent() {
 
 /// Does nothing. On this system the language server stops its processes when it ends.
 #[cfg(not(unix))]
-pub(crate) fn end_with_it() {}
+pub(crate) fn end_with_parent() {}

@@ -14,6 +14,7 @@ pub use available::available_memory;
 
 /// The minimum size in bytes of a list for which large pages are requested. A smaller list hardly contains a whole large page, so the
 /// request would cost more than it saves.
+#[cfg(any(target_os = "linux", test))]
 const MIN_ADVISED_BYTES: usize = 4 << 20;
 
 /// Allocates a list of zeros (all bits 0), on large pages where the system has them.
