@@ -181,7 +181,7 @@ fn lines(entries: impl IntoIterator<Item = String>) -> String {
     entries.into_iter().map(|it| format!("{it},\n")).collect()
 }
 
-/// Writes the texts of the graph and of the new graph.
+/// Writes two texts: that of the graph without the extracted nodes, and that of the new graph, which has them.
 struct Extractor<'a> {
     editor: &'a Editor<'a>,
     known: &'a ParsedGraph,

@@ -60,8 +60,8 @@ impl Lineage {
     }
 }
 
-/// Returns true if the target of a `--set` is a field of the node `node`. For an element of a `ForEach`, also if it is a field of the
-/// `ForEach`.
+/// Returns true if the target of a `--set` is a field of the node `node`. If the node is an element of a `ForEach`, the target may also be
+/// a field of that `ForEach`.
 fn sets_field_of(target: &str, node: &str) -> bool {
     fn is_in(target: &str, node: &str) -> bool {
         target.strip_prefix(node).is_some_and(|field| field.starts_with('.'))

@@ -6,7 +6,8 @@ use nalgebra::Point3;
 use super::detect::Intersections;
 use crate::triangles::filling::Filling;
 
-/// Number of rounds that halve displacements from the initial fill, and number of the rounds after them that set displacements to 0.
+/// Number of the first rounds, each of which halves the displacements from the initial fill (`HALVING_ROUNDS`). Number of the rounds after
+/// them, each of which sets displacements to 0 (`ZERO_ROUNDS`).
 const HALVING_ROUNDS: usize = 4;
 const ZERO_ROUNDS: usize = 4;
 

@@ -26,7 +26,8 @@ const FLAT: f64 = 1e-12;
 
 /// The lengths of the rays from the origin to a closed line. Positions are (column, row) in cells, with rows growing down.
 pub(crate) struct Rays {
-    /// The angle half a step before the first ray, counter-clockwise in the picture.
+    /// The angle at which the sector of the first ray begins: half the angle between two rays before the first ray. Angles are measured
+    /// counter-clockwise in the picture.
     start: f64,
     /// The smoothed length of each ray, at uniform angles from `start`. No part of the line is beyond the end of a ray.
     lengths: Vec<f64>,

@@ -21,7 +21,7 @@ pub(super) struct Nearest {
 }
 
 impl Nearest {
-    /// Converts a point on the mesh that `levels` refinement steps have made to a face of the control mesh. Each step divides a face into
+    /// Finds the face of the control mesh that contains a point of the refined mesh. Each of the `levels` refinement steps divides a face into
     /// four.
     pub(super) fn new(position: &NearestPoint, levels: u32) -> Self {
         Self { distance_sq: position.distance_sq, face: position.face >> (2 * levels) }

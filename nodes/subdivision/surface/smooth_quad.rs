@@ -127,7 +127,8 @@ impl QuadNeighborhood {
         (net[i][j] + net[i + 1][j] + net[i + 1][j + 1] + net[i][j + 1]) * 0.25
     }
 
-    /// Computes the new ring: the new vertices on the edges at the first corner and inside the faces between them.
+    /// Refines the ring around the first corner of the patch: computes a new vertex for each edge at that corner, and one for each face
+    /// between two of these edges.
     fn new_ring(&self, n: usize, new: &mut Ring) {
         let (own, ring) = (self.net[1][1], &self.ring);
         for j in 0..n {

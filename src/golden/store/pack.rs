@@ -37,7 +37,7 @@ pub(crate) struct StoredColumn {
     pub(super) precision: Precision,
     /// For each element, true if it is stored to the last bit, without rounding. Empty if all are.
     pub(super) odd: Vec<bool>,
-    /// The last digits of all numbers; empty if they are not stored separately.
+    /// The low-order bits of all numbers of the column, which rounding has removed. Empty if they are not stored.
     pub(super) digits: Vec<u8>,
     /// A hash of all numbers with their last digits (the mark of the column).
     pub(super) mark: String,

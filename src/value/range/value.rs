@@ -12,7 +12,8 @@ use crate::{
     Pinhole, Property, Registration, Rgb, Summary, Value, Violation,
 };
 
-/// The names of two parts that tests ignore: the forced triangles, and the size of the registered picture.
+/// Names of columns of [`Value::parts`] that tests ignore: the triangles that are joined whatever the depth, and the size of the registered
+/// picture.
 const JOINED: &str = "joined";
 const PICTURE: &str = "picture";
 

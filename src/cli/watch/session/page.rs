@@ -22,7 +22,7 @@ impl<'a> Session<'a> {
         let was_dragged = self.drag.release(page);
         match self.edit(values, |_| true) {
             Ok(change) if !change.value_changes.is_empty() => {
-                // Do not evaluate the old values again for live pages: the change causes a run that shows all values.
+                // Skip the evaluation for live pages that is due: the change of the file starts a run, which shows all new values.
                 self.has_due_views = false;
                 return self.changes.push(change);
             }
