@@ -20,14 +20,15 @@
 //! Graph(format: 1, nodes: { "m": ReadMesh(pth: "m.obj") }, outputs: {})
 //! ```
 //!
-//! A line `[1]` is the exit code; the lines after it are standard error. The line is omitted if the code is 0 and standard error is empty. In
-//! expected lines, `[..]` stands for any text, and a line `...` for any number of lines. Spaces at the end of a line and blank lines at the
-//! end of an output are ignored. In outputs, `$FOLDER` is the path of the case's folder. `UPDATE_EXPECT=1` writes the actual outputs into
-//! the files. It keeps lines with `[..]` that still match, and writes `[..]` for durations.
+//! A line `[1]` is the exit code; the lines after it are standard error. The line is omitted if the code is 0 and standard error is empty.
+//! In expected lines, `[..]` stands for any text, and a line `...` for any number of lines. Spaces at the end of a line and blank lines at
+//! the end of an output are ignored. In outputs, `$FOLDER` is the path of the case's folder. `UPDATE_EXPECT=1` writes the actual outputs
+//! into the files. It keeps lines with `[..]` that still match, and writes `[..]` for durations.
 //!
-//! A command is `maquette` or a program of the system, such as `cat`, `cmp` (are two files equal?), `cp`, `git`, `ls` and `rm`. Words are quoted
-//! as in a shell; `$GRAPHS` is the folder `graphs` of the repository. Variables may be set before a command (`CI=true maquette ..`). Two
-//! commands are built in: `write FILE TEXT` makes a file and its folder, `replace FILE OLD NEW ..` replaces texts that the file must have.
+//! A command is `maquette` or a program of the system, such as `cat`, `cmp` (are two files equal?), `cp`, `git`, `ls` and `rm`. Words are
+//! quoted as in a shell; `$GRAPHS` is the folder `graphs` of the repository. Variables may be set before a command (`CI=true maquette ..`).
+//! Two commands are built in: `write FILE TEXT` makes a file and its folder, `replace FILE OLD NEW ..` replaces texts that the file must
+//! have.
 //!
 //! A command may be followed by these, in this order: `< NAME` passes a section as standard input, or as the text of `write`; such a
 //! section is not written as a file. `> FILE` writes standard output to a file. `| grep TEXT ..` keeps the lines of both outputs that

@@ -351,8 +351,8 @@ impl Work for Jacobians<'_> {
                 let inverse = 1.0 / sums.total.0[lane];
                 let mean = sums.value(lane) * inverse;
                 *moved = (deformation.base.map(point.coords) + mean).into();
-                // A weight `G` is a power of 2. The stored slope is half the derivative of its exponent, so the gradient of `ln G` is `2 ln 2`
-                // times the slope.
+                // A weight `G` is a power of 2. The stored slope is half the derivative of its exponent, so the gradient of `ln G` is `2 ln
+                // 2` times the slope.
                 let slope = sums.slope(lane) * (2.0 * LN_2 * inverse);
                 let product = sums.product(lane) * (2.0 * LN_2 * inverse);
                 *jacobian = derivative + (product - mean * slope.transpose());

@@ -1,9 +1,9 @@
 //! Decides which neighboring cells of a range image are on one surface.
 //!
-//! Cells are separated if their distance or the slope between them is large. Nodes that change the surface, `Blend` and `FillRange`, may make
-//! steep surfaces on purpose. Therefore they mark the triangles of these surfaces in the range image (`RangeImage::forced_triangles`), and
-//! `Triangulate` never removes marked triangles. There is one bit per triangle, not per cell: two adjacent cells may be on two surfaces, such
-//! as an ear and the hood behind it, and the triangles between them are on neither.
+//! Cells are separated if their distance or the slope between them is large. Nodes that change the surface, `Blend` and `FillRange`, may
+//! make steep surfaces on purpose. Therefore they mark the triangles of these surfaces in the range image (`RangeImage::forced_triangles`),
+//! and `Triangulate` never removes marked triangles. There is one bit per triangle, not per cell: two adjacent cells may be on two
+//! surfaces, such as an ear and the hood behind it, and the triangles between them are on neither.
 
 use maquette_value::RangeImage;
 use maquette_value::parallel::*;

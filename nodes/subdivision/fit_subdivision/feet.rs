@@ -21,8 +21,8 @@ pub(super) struct Nearest {
 }
 
 impl Nearest {
-    /// Finds the face of the control mesh that contains a point of the refined mesh. Each of the `levels` refinement steps divides a face into
-    /// four.
+    /// Finds the face of the control mesh that contains a point of the refined mesh. Each of the `levels` refinement steps divides a face
+    /// into four.
     pub(super) fn new(position: &NearestPoint, levels: u32) -> Self {
         Self { distance_sq: position.distance_sq, face: position.face >> (2 * levels) }
     }
