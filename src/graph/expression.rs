@@ -2,7 +2,7 @@
 //!
 //! An expression consists of numbers and truth values, `+ - * / %`, comparisons, `and or not`, the functions in `functions`, and
 //! `if(condition, then, else)`. There are no loops and no I/O. Names of parameters may contain hyphens: `eye-step` is the parameter of that
-//! name if the graph has one, and otherwise the difference `eye - step`.
+//! name if the graph has one, and otherwise the difference `eye - step`. `shift.x` is the first number of the vector `shift`.
 //!
 //! Numbers can have units, from the declaration of a parameter or as written in `growth + cm(1)`. The operands of a sum, comparison or
 //! choice must measure the same quantity. They are converted to the unit of the first operand that has one, and operands without a unit
@@ -125,6 +125,14 @@ impl fmt::Display for Token {
 const SIGNS: [&str; 14] =
     ["<=", ">=", "==", "!=", "<", ">", "+", "-", "*", "/", "%", "(", ")", ","];
 
+/// The selectors of the numbers of a vector, as in `shift.x`, in the order of the numbers.
+const COMPONENTS: [&str; 4] = [".x", ".y", ".z", ".w"];
+
+/// Returns the names of the numbers of the vector `name` in expressions: `shift.x`, `shift.y` and so on. A fifth number has no name.
+pub(crate) fn component_names(name: &str) -> impl Iterator<Item = String> {
+    COMPONENTS.iter().map(move |component| format!("{name}{component}"))
+}
+
 /// The operators by precedence, from the lowest to the highest.
 const LEVELS: [&[&str]; 5] =
     [&["or"], &["and"], &["<=", ">=", "==", "!=", "<", ">"], &["+", "-"], &["*", "/", "%"]];
@@ -144,7 +152,12 @@ pub fn named_parameters(text: &str, is_known: &dyn Fn(&str) -> bool) -> Option<V
         if is_name && !is_allowed(&text[at.clone()], is_known) {
             names.push(at.clone());
         }
-        is_behind = is_name || matches!(token, Token::Number(_) | Token::Sign(")"));
+        is_behind = is_name
+            || match token {
+                Token::Number(_) => true,
+                Token::Sign(sign) => *sign == ")" || COMPONENTS.contains(sign),
+                Token::Name(_) => false,
+            };
     }
     Some(names)
 }
@@ -158,7 +171,10 @@ fn tokenize(
     let mut rest = text.trim_start();
     while let Some(first) = rest.chars().next() {
         let start = text.len() - rest.len();
-        let length = if first.is_ascii_digit() || first == '.' {
+        let length = if let Some(component) = component_at(rest) {
+            tokens.push((start..start + component.len(), Token::Sign(component)));
+            component.len()
+        } else if first.is_ascii_digit() || first == '.' {
             let length = number_length(rest);
             match rest[..length].parse() {
                 Ok(number) if !f64::is_finite(number) => {
@@ -184,6 +200,15 @@ fn tokenize(
         rest = rest[length..].trim_start();
     }
     Ok(tokens)
+}
+
+/// Returns the selector of a component at the start of the text, if there is one.
+fn component_at(text: &str) -> Option<&'static str> {
+    COMPONENTS.into_iter().find(|component| {
+        let behind = text.strip_prefix(component).and_then(|behind| behind.chars().next());
+        text.starts_with(component)
+            && !behind.is_some_and(|c| c.is_ascii_alphanumeric() || c == '_')
+    })
 }
 
 fn number_length(text: &str) -> usize {
@@ -345,7 +370,10 @@ impl Parser<'_> {
         match token {
             Some(Token::Number(x)) => Ok(Outcome::Number(Quantity::pure(x))),
             Some(Token::Name(name)) if self.operator(&["("]).is_some() => self.call(&name),
-            Some(Token::Name(name)) => self.parameter(&name),
+            Some(Token::Name(name)) => match self.operator(&COMPONENTS) {
+                Some(component) => self.component(&name, component),
+                None => self.parameter(&name),
+            },
             Some(Token::Sign(sign)) => {
                 error(format!("the expression has `{sign}` where a number or a name should be"))
             }
@@ -362,6 +390,22 @@ impl Parser<'_> {
             (None, _) => error(format!("the graph has no parameter `{name}`"))
                 .map_err(|error| ExpressionError { unknown: Some(name.to_owned()), ..error }),
         }
+    }
+
+    /// Returns a number of a vector.
+    fn component(&self, name: &str, component: &str) -> Result<Outcome, ExpressionError> {
+        if let Some(outcome) = self.parameters.get(&format!("{name}{component}")) {
+            return Ok(*outcome);
+        }
+        let components: Vec<_> =
+            component_names(name).filter(|it| self.parameters.contains_key(it)).collect();
+        if let (Some(last), false) = (components.last(), self.parameters.contains_key(name)) {
+            let message = format!("`{name}` has no `{component}`: its last number is `{last}`");
+            return error(message);
+        }
+        self.parameter(name)?;
+        error(format!("`{name}{component}`: `{name}` is not a vector"))
+            .map_err(|error| ExpressionError { help: format!("write `{name}`").into(), ..error })
     }
 
     /// Reads the arguments of a call up to the closing `)`. `counts` is called with the arguments read so far. It returns true if the next

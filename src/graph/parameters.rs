@@ -14,7 +14,7 @@ use maquette_syntax::{
 use super::constants::{in_own_unit, resolve_in_unit};
 use super::declaration::Declaration;
 use super::draft_value::{has_draft, resolve_side};
-use super::expression::{ExpressionError, Outcome, evaluate, named_parameters};
+use super::expression::{ExpressionError, Outcome, component_names, evaluate, named_parameters};
 
 mod order;
 
@@ -141,17 +141,25 @@ impl Parameters {
     }
 
     fn insert(&mut self, name: &str, value: Tree) {
-        match value.kind {
-            Kind::Number { value, .. } => {
-                let unit = self.unit(name);
-                self.numbers.insert(name.to_owned(), Outcome::Number(Quantity { value, unit }));
-            }
+        match &value.kind {
             Kind::Bool(truth) => {
-                self.numbers.insert(name.to_owned(), Outcome::Truth(truth));
+                self.numbers.insert(name.to_owned(), Outcome::Truth(*truth));
             }
-            _ => {}
+            Kind::Call { name: None, body: Body::Items(items) } => {
+                for (component, item) in component_names(name).zip(items) {
+                    self.insert_number(component, item, self.unit(name));
+                }
+            }
+            _ => self.insert_number(name.to_owned(), &value, self.unit(name)),
         }
         self.values.insert(name.to_owned(), value);
+    }
+
+    /// Makes a number known to expressions.
+    fn insert_number(&mut self, name: String, value: &Tree, unit: Unit) {
+        if let Kind::Number { value, .. } = value.kind {
+            self.numbers.insert(name, Outcome::Number(Quantity { value, unit }));
+        }
     }
 
     /// Returns the parameters with `draft` negated: for drafts instead of final results, or vice versa.
@@ -289,13 +297,13 @@ impl Parameters {
     ) -> Box<LocalDiagnostic> {
         let named = named_parameters(text, &|known| known == name).into_iter().flatten().next();
         let at = named.and_then(|at| place_in(call, argument, text, at));
-        let kind = match self.values.get(name).map(|value| &value.kind) {
-            Some(Kind::Text(_)) => "a text",
-            Some(Kind::Word(_)) => "a choice",
-            _ => "a vector",
+        let unchanged = format!("pass it to a field unchanged: Param(\"{name}\")");
+        let (kind, help) = match self.values.get(name).map(|value| &value.kind) {
+            Some(Kind::Text(_)) => ("a text", unchanged),
+            Some(Kind::Word(_)) => ("a choice", unchanged),
+            _ => ("a vector", format!("use one of its numbers, as `{name}.x`, or {unchanged}")),
         };
         let message = format!("`{name}` is {kind}, but Expr accepts only numbers and toggles");
-        let help = format!("pass it to a field unchanged: Param(\"{name}\")");
         parameter_error(at.unwrap_or(argument.span), message, help.into())
     }
 }

@@ -17,6 +17,8 @@ fn value(text: &str) -> Result<Outcome, String> {
         ("turn".to_owned(), number(30.0, "deg")),
         ("band".to_owned(), number(4.0, "px")),
         ("flat".to_owned(), Outcome::Truth(true)),
+        ("shift.x".to_owned(), number(2.0, "mm")),
+        ("shift.y".to_owned(), number(0.5, "mm")),
     ]);
     evaluate(text, &parameters).map_err(|error| {
         fn place(at: &Range<usize>, text: &str) -> String {
@@ -60,6 +62,20 @@ fn a_hyphen_belongs_to_a_known_name_and_subtracts_otherwise() {
     check("eye-1", 4.0);
     check("growth-eye-step", 9.0);
     check("eye -step-1".trim_end_matches("-step-1"), 5.0);
+}
+
+#[test]
+fn a_vector_is_taken_apart_into_its_numbers() {
+    check_unit("shift.x - shift.y * 2", 1.0, "mm");
+    check_unit("max(shift.x,.5)", 2.0, "mm");
+    check("growth *.5", 6.0);
+    let wrong = |text| value(text).expect_err(text);
+    assert_eq!(wrong("shift.z"), "`shift` has no `.z`: its last number is `shift.y`; ");
+    assert_eq!(wrong("growth.x"), "`growth.x`: `growth` is not a vector; write `growth`");
+    assert!(wrong("shape.x").starts_with("the graph has no parameter `shape`"));
+    assert!(wrong("shift.xy").starts_with("`.xy` is not a number"));
+    let names = named_parameters("shift.x and a.y - shift.y", &|_| true);
+    assert_eq!(names, Some(vec![0..5, 12..13, 18..23]));
 }
 
 #[test]
