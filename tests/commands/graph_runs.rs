@@ -1,5 +1,5 @@
-//! Runs the graphs in `../shared/graphs`, which the project's design declares valid, without any change. Skipped if this folder does not
-//! exist.
+//! Runs graphs as they stand: those in `../shared/graphs`, which the project's design declares valid (skipped if this folder does not
+//! exist), and those in `tests/shapes`, which state by `expect` what is right for shapes on which other programs fail.
 
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
@@ -32,15 +32,13 @@ fn run(graph: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// Graphs that must be refused are tested in `tests/engine/graph_files.rs`.
-#[test]
-fn the_graphs_of_the_design_run_as_they_stand() {
-    let Some(folder) = shared_folder("graphs") else { return };
+/// Runs all graphs of a folder, which must be at least `least`.
+fn run_all(folder: &Path, least: usize) {
     let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let mut graphs: Vec<PathBuf> =
         files.filter(|path| path.extension().is_some_and(|extension| extension == "ron")).collect();
     graphs.sort();
-    assert!(graphs.len() >= 10, "only {} graphs were run", graphs.len());
+    assert!(graphs.len() >= least, "only {} graphs were run", graphs.len());
     let next = AtomicUsize::new(0);
     let workers = thread::available_parallelism().map_or(1, NonZero::get);
     let failures = thread::scope(|scope| {
@@ -56,4 +54,17 @@ fn the_graphs_of_the_design_run_as_they_stand() {
         workers.into_iter().flat_map(|worker| worker.join().unwrap()).collect::<Vec<_>>()
     });
     assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+/// Graphs that must be refused are tested in `tests/engine/graph_files.rs`.
+#[test]
+fn the_graphs_of_the_design_run_as_they_stand() {
+    if let Some(folder) = shared_folder("graphs") {
+        run_all(&folder, 10);
+    }
+}
+
+#[test]
+fn shapes_of_bug_reports_come_out_right() {
+    run_all(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/shapes"), 3);
 }
