@@ -3,7 +3,7 @@
 use maquette_mesh::Poses;
 use maquette_node::{Carry, Context, Error, In, Node, Progress, Promise, Transfer};
 use maquette_scan::Scan;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -89,15 +89,16 @@ pub fn align(
     progress: &Progress<'_>,
 ) -> Result<Alignment, Error> {
     let scans = [to, scan];
-    let clouds = Cloud::from_scans(&scans)?;
+    let (clouds, origin) = Cloud::from_scans(&scans)?;
     let frame = frame_of(to);
     let start = match by {
         AlignMethod::Features => Start::by_features(&clouds, &[[0, 1]], &|_, _| true, progress)?,
         AlignMethod::Nearest { reach, poses } => {
-            Start::from_positions(&scans, &clouds, *poses, *reach)?
+            Start::from_positions(&scans, (&clouds, origin), *poses, *reach)?
         }
         AlignMethod::Pairs { pairs } => {
-            let pairs: Vec<_> = pairs.iter().map(|pair| pair.map(Point3::from)).collect();
+            let pairs: Vec<_> =
+                pairs.iter().map(|pair| pair.map(|it| origin.localize(&it.into()))).collect();
             let (motion, off) = fit_picked_pairs(&pairs)?;
             let [to, scan] = [0, 1].map(|k| clouds[k].sample(min_sampling_edge(&clouds[k])));
             let fit = fit([&to, &scan], &motion.inverse());
@@ -108,9 +109,10 @@ pub fn align(
                 plane: off,
                 point: off,
             };
-            let motions = [Isometry3::identity(), motion].map(|motion| motion.to_homogeneous());
+            let motions = [Isometry3::identity(), origin.globalize_motion(&motion)]
+                .map(|motion| motion.to_homogeneous());
             return Alignment::new(&motions, vec![pair_fit], frame.as_ref());
         }
     };
-    align_from(&clouds, start, frame.as_ref(), warn, progress)
+    align_from((&clouds, origin), start, frame.as_ref(), warn, progress)
 }

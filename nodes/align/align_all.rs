@@ -108,7 +108,7 @@ pub fn align_all(
         bail!("expected at least 2 scans, found {}", scans.len());
     }
     SCANS.check("the alignment", scans.len() as f64)?;
-    let clouds = Cloud::from_scans(scans)?;
+    let (clouds, origin) = Cloud::from_scans(scans)?;
     let count = scans.len();
     fn neighbors(count: usize) -> Vec<[usize; 2]> {
         let mut pairs: Vec<_> = (1..count).map(|scan| [scan - 1, scan]).collect();
@@ -118,10 +118,14 @@ pub fn align_all(
     let search = |progress: &Progress<'_>| match by {
         Search::Features => Start::by_features(&clouds, &all_pairs(count), &|_, _| true, progress),
         Search::Neighbors => Start::by_features(&clouds, &neighbors(count), &|_, _| true, progress),
-        Search::Nearest { reach, poses } => Start::from_positions(scans, &clouds, *poses, *reach),
+        Search::Nearest { reach, poses } => {
+            Start::from_positions(scans, (&clouds, origin), *poses, *reach)
+        }
         Search::Turntable(table) => match table.poses(count)? {
             Some(poses) => {
-                let known = Start::from_positions(scans, &clouds, Poses::Ignore, table.reach)?;
+                let known =
+                    Start::from_positions(scans, (&clouds, origin), Poses::Ignore, table.reach)?;
+                let poses = poses.iter().map(|pose| origin.localize_motion(pose)).collect();
                 Ok(Start { poses, ..known })
             }
             None => Start::by_features(
@@ -134,7 +138,9 @@ pub fn align_all(
     };
     let start = progress.part(0.0..0.7, search)?;
     let frame = frame_of(scans[0]);
-    progress.part(0.7..1.0, |progress| align_from(&clouds, start, frame.as_ref(), warn, progress))
+    progress.part(0.7..1.0, |progress| {
+        align_from((&clouds, origin), start, frame.as_ref(), warn, progress)
+    })
 }
 
 impl Turntable {

@@ -10,6 +10,8 @@ use maquette_value::parallel::*;
 use maquette_value::{Mesh, RangeImage};
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
+use super::local_origin::LocalOrigin;
+
 /// A point cloud with normals, and with flags that mark the border of the surface.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cloud {
@@ -27,17 +29,24 @@ pub(super) struct Cloud {
 pub(super) const MIN_POINTS: usize = 6;
 
 impl Cloud {
-    /// Converts scans to point clouds with normals, in the order of the scans.
+    /// Converts scans to point clouds with normals, in the order of the scans. Positions are relative to the returned origin, so that
+    /// rounding does not depend on the distance of the scans from the origin of their coordinates.
     ///
     /// # Errors
-    /// If a scan has too few points, or its size or position is extreme.
-    pub(super) fn from_scans(scans: &[&Scan]) -> Result<Vec<Self>, Error> {
-        scans.iter().zip(1..).map(|(scan, number)| Self::from_scan(scan, number)).collect()
+    /// If a scan has too few points, its size is extreme, or it is far from the first scan.
+    pub(super) fn from_scans(scans: &[&Scan]) -> Result<(Vec<Self>, LocalOrigin), Error> {
+        let origin = scans.first().map_or_else(LocalOrigin::default, |scan| LocalOrigin::new(scan));
+        let clouds = scans
+            .iter()
+            .zip(1..)
+            .map(|(scan, number)| Self::from_scan(scan, origin, number))
+            .collect::<Result<_, _>>()?;
+        Ok((clouds, origin))
     }
 
     /// Converts a scan to a cloud. `number` is the number of the scan, from 1, for error messages. Normals and border flags are computed
     /// from the faces; without faces they are estimated from neighboring points.
-    fn from_scan(scan: &Scan, number: usize) -> Result<Self, Error> {
+    fn from_scan(scan: &Scan, origin: LocalOrigin, number: usize) -> Result<Self, Error> {
         let all = scan.positions().iter().filter(|point| !point.x.is_nan());
         let different = all.clone().map(|point| point.coords.data.0[0].map(f64::to_bits));
         let points = different.take(1000).collect::<BTreeSet<_>>().len();
@@ -46,10 +55,16 @@ impl Cloud {
         }
         let (low, high) = bounds(all.clone());
         let size = (high - low).norm();
-        let farthest = high.coords.amax().max(low.coords.amax());
-        if !(1e-9..1e9).contains(&size) || farthest > 1e6 * size {
+        if !(1e-9..1e9).contains(&size) {
             bail!(
-                "scan {number} is too small, too large or too far from the origin: its bounding box has a diagonal of {size:e} mm"
+                "the bounding box of scan {number} has a diagonal of {size:e} mm, expected 1e-9 to 1e9 mm; scale all scans (`Transform`), or state their `unit` where they are read"
+            );
+        }
+        let distance = origin.distance(&nalgebra::center(&low, &high));
+        if distance > 1e6 * size {
+            bail!(
+                "scan {number} is {distance:e} mm from {}, but only {size:e} mm large; move it nearer (`Transform`)",
+                if number == 1 { "the origin" } else { "scan 1" }
             );
         }
         // If the range image has no camera, the position of the sensor is unknown, because the grid may have been moved.
@@ -65,9 +80,10 @@ impl Cloud {
             Scan::Points(points) => (None, points.attributes().vectors("normal")),
         };
         let Some(mesh) = faces.filter(|mesh| !mesh.faces().is_empty()) else {
-            return Ok(Self::from_points(all.copied().collect(), normals.map(|it| &**it)));
+            let positions = all.map(|point| origin.localize(point)).collect();
+            return Ok(Self::from_points(positions, normals.map(|it| &**it)));
         };
-        let mut cloud = Self::from_mesh(&mesh, number)?;
+        let mut cloud = Self::from_mesh(&mesh, origin, number)?;
         if matches!(scan, Scan::RangeImage(range) if !is_seen(range)) {
             let everything = (0..cloud.positions.len()).collect::<Vec<_>>();
             flip_outwards(&cloud.positions, &mut cloud.normals, &everything);
@@ -96,7 +112,7 @@ impl Cloud {
     }
 
     /// Converts the vertices of a mesh, with their normals, to a cloud.
-    fn from_mesh(mesh: &Mesh, number: usize) -> Result<Self, Error> {
+    fn from_mesh(mesh: &Mesh, origin: LocalOrigin, number: usize) -> Result<Self, Error> {
         let mut is_rim = vec![false; mesh.positions().len()];
         let edges = mesh.edges();
         for (ends, _) in edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1) {
@@ -108,7 +124,8 @@ impl Cloud {
         if kept.len() < MIN_POINTS {
             return Err(too_few_points(number, kept.len()));
         }
-        let positions: Vec<_> = kept.iter().map(|&vertex| mesh.positions()[vertex]).collect();
+        let positions: Vec<_> =
+            kept.iter().map(|&vertex| origin.localize(&mesh.positions()[vertex])).collect();
         let tree = Tree::new(&positions);
         Ok(Self {
             spacing: spacing(&positions, &tree),

@@ -9,6 +9,7 @@ mod alignment;
 mod cloud;
 mod features;
 mod fit;
+mod local_origin;
 mod motion;
 mod move_aligned;
 mod pairs;

@@ -11,6 +11,7 @@ use super::alignment::{Alignment, PairFit};
 use super::cloud::{Cloud, bounds};
 use super::features::{Candidate, DescribedCloud, best_place, sampling_edge};
 use super::fit::{Fit, fit};
+use super::local_origin::LocalOrigin;
 use super::motion::frame_of;
 use super::refine::{Level, refine};
 
@@ -97,7 +98,7 @@ impl Start {
     /// If a required pose is missing, or `reach` is not a valid length.
     pub(super) fn from_positions(
         scans: &[&Scan],
-        clouds: &[Cloud],
+        (clouds, origin): (&[Cloud], LocalOrigin),
         poses: Poses,
         reach: f64,
     ) -> Result<Self, Error> {
@@ -116,7 +117,7 @@ impl Start {
             }
             (_, None) => {
                 let poses: Vec<_> = known.into_iter().flatten().map(|pose| rigid(&pose)).collect();
-                poses.iter().map(|pose| poses[0].inv_mul(pose)).collect()
+                poses.iter().map(|pose| origin.localize_motion(&poses[0].inv_mul(pose))).collect()
             }
         };
         let sizes = clouds.iter().map(|cloud| {
@@ -159,7 +160,7 @@ fn no_fit([scan, to]: [usize; 2], side: usize, fit: &Fit) -> Error {
 /// # Errors
 /// If a scan is not connected to the first one by overlapping scans.
 pub(super) fn align_from(
-    clouds: &[Cloud],
+    (clouds, origin): (&[Cloud], LocalOrigin),
     start: Start,
     frame: Option<&CaptureFrame>,
     warn: &dyn Fn(String),
@@ -240,7 +241,8 @@ pub(super) fn align_from(
         plane: contact.plane,
         point: contact.point,
     });
-    let motions: Vec<_> = poses.iter().map(Isometry3::to_homogeneous).collect();
+    let motions: Vec<_> =
+        poses.iter().map(|pose| origin.globalize_motion(pose).to_homogeneous()).collect();
     Alignment::new(&motions, pair_fits.collect(), frame)
 }
 

@@ -246,6 +246,34 @@ fn scans_that_do_not_fit_are_errors() {
 }
 
 #[test]
+fn scans_far_from_the_origin_are_aligned_as_near_ones() {
+    let (front, side) =
+        (seen_from(&blob(0.0), Vector3::z()), seen_from(&blob(0.4), Vector3::new(0.8, 0.3, 0.6)));
+    // The coordinates of a national map, in mm.
+    let offset = Isometry3::translation(5e8, 5e9, 1e5);
+    let truth = Isometry3::rotation(Vector3::new(0.05, -0.03, 0.04));
+    let [near, far] = [Isometry3::identity(), offset].map(|at| {
+        let to = move_by(&front, &at);
+        let scan = move_by(&side, &(at * truth.inverse()));
+        let motion = align_pair(&scan, &to, &NEAREST).0.unwrap().motion(2).unwrap();
+        rms_error(&scan, &motion, &(at * truth * at.inverse()))
+    });
+    assert!(near < 0.05 && (far - near).abs() < 1e-3, "{near} {far}");
+    let both = [front.clone(), move_by(&front, &offset)];
+    let error = align_pair(&both[1], &both[0], &NEAREST).0.unwrap_err().to_string();
+    assert!(error.contains("move it nearer (`Transform`)"), "{error}");
+    let [near, far] = [Isometry3::identity(), offset].map(|at| {
+        let through = at.translation.vector.into();
+        let turned = Turntable { angle: 20.0, axis: Some([0.0, 0.0, 1.0]), through, reach: 0.0 };
+        let start = at * Isometry3::rotation(Vector3::z() * -20_f64.to_radians());
+        let scans = [move_by(&front, &at), move_by(&front, &start)];
+        let motion = align_list(&scans, &Search::Turntable(turned)).0.unwrap().motion(2).unwrap();
+        rms_error(&scans[1], &motion, &(at * start.inverse()))
+    });
+    assert!(near < 0.01 && (far - near).abs() < 1e-3, "{near} {far}");
+}
+
+#[test]
 fn bad_scans_are_errors() {
     let good = seen_from(&blob(0.0), Vector3::z());
     let nothing = Point3::new(f64::NAN, f64::NAN, f64::NAN);

@@ -66,6 +66,9 @@ impl Eq for Collapse {}
 /// The triangles of a mesh during the simplification.
 pub(super) struct Net {
     positions: Vec<Point3<f64>>,
+    /// The center of the bounding box. The quadrics are functions of the position relative to it: their rounding errors grow with the square
+    /// of the distance from their origin.
+    center: Point3<f64>,
     quadrics: Vec<Quadric>,
     /// The version of each vertex: the number of collapses in which the vertex was an end of the collapsed edge.
     versions: Vec<u32>,
@@ -101,7 +104,9 @@ impl Net {
         for (index, triangle) in (0..).zip(&triangles) {
             triangle.iter().for_each(|&vertex| around[vertex as usize].push(index));
         }
-        let diagonal = mesh.bounds().map_or(0.0, |(low, high)| (high - low).norm());
+        let (low, high) = mesh.bounds().unwrap_or_default();
+        let diagonal = (high - low).norm();
+        let center = center(&low, &high);
         let n_faces = triangles.len();
         let mut net = Self {
             quadrics: vec![Quadric::default(); positions.len()],
@@ -110,8 +115,9 @@ impl Net {
             sharp: vec![Vec::new(); positions.len()],
             min_area: MIN_AREA * diagonal * diagonal,
             merges: Vec::new(),
-            wedges: Wedges::new(mesh, &triangles, &corners),
+            wedges: Wedges::new(mesh, center, &triangles, &corners),
             positions,
+            center,
             triangles,
             parents,
             n_faces,
@@ -126,7 +132,7 @@ impl Net {
         for triangle in self.triangles.clone() {
             let area = self.area(triangle);
             if let Some(normal) = area.try_normalize(0.0) {
-                let first = self.positions[triangle[0] as usize].coords;
+                let first = self.positions[triangle[0] as usize] - self.center;
                 let plane = Quadric::plane(normal, first, area.norm() / 2.0);
                 triangle.iter().for_each(|&vertex| self.quadrics[vertex as usize] += plane);
             }
@@ -198,7 +204,7 @@ impl Net {
     /// Adds to the cost functions planes through an edge, each perpendicular to one of the edge's faces, with the given weight.
     fn add_border_planes(&mut self, [a, b]: [u32; 2], weight: f64) {
         let along = self.positions[b as usize] - self.positions[a as usize];
-        let at = self.positions[a as usize].coords;
+        let at = self.positions[a as usize] - self.center;
         let faces = self.around[a as usize].iter().map(|&face| self.triangles[face as usize]);
         let faces: Vec<_> = faces.filter(|face| face.contains(&b)).collect();
         for face in faces {
@@ -264,12 +270,13 @@ impl Net {
             [false, false] => match quadric.minimum() {
                 // If costs are equal the first candidate wins. The ends of the edge come before the minimum, because they are exactly on
                 // the surface.
-                Some(lowest) => vec![first, second, lowest],
+                Some(lowest) => vec![first, second, self.center + lowest],
                 None => vec![center(&first, &second), first, second],
             },
         };
-        let costs =
-            positions.into_iter().map(|position| (quadric.evaluate(position.coords), position));
+        let costs = positions
+            .into_iter()
+            .map(|position| (quadric.evaluate(position - self.center), position));
         let (cost, position) = costs.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let versions = ends.map(|end| self.versions[end as usize]);
         let length_sq = (second - first).norm_squared();

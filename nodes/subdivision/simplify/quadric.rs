@@ -1,10 +1,10 @@
 //! Quadrics: functions of a position that return the sum of its weighted squared distances from planes.
 //!
-//! Garland and Heckbert, "Surface simplification using quadric error metrics" (1997).
+//! Positions are relative to a point near the surface. Garland and Heckbert, "Surface simplification using quadric error metrics" (1997).
 
 use std::ops::{Add, AddAssign};
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 /// The function `E(x) = x^T A x - 2 b . x + c`, which is the sum of `weight (n . x - d)^2` over some planes `n . x = d`.
 #[derive(Clone, Copy, Debug, Default)]
@@ -50,11 +50,11 @@ impl Quadric {
     }
 
     /// Returns the position of the minimum; `None` if the planes do not determine one.
-    pub(crate) fn minimum(&self) -> Option<Point3<f64>> {
+    pub(crate) fn minimum(&self) -> Option<Vector3<f64>> {
         let sizes = self.a.symmetric_eigenvalues();
         let determined = sizes.max() < MAX_CONDITION * sizes.min();
         let position = self.a.try_inverse().filter(|_| determined)? * self.b;
-        position.iter().all(|x| x.is_finite()).then(|| position.into())
+        position.iter().all(|x| x.is_finite()).then_some(position)
     }
 }
 
@@ -83,7 +83,7 @@ mod tests {
         let quadric =
             planes.map(|normal| Quadric::plane(normal, at, 2.0)).into_iter().reduce(Add::add);
         let quadric = quadric.unwrap();
-        assert!((quadric.minimum().unwrap().coords - at).norm() < 1e-12);
+        assert!((quadric.minimum().unwrap() - at).norm() < 1e-12);
         assert!(quadric.evaluate(at) < 1e-12);
         assert!((quadric.evaluate(at + Vector3::y() * 0.5) - 0.5).abs() < 1e-12);
     }

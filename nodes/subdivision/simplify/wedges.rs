@@ -38,9 +38,14 @@ struct MixedWedge {
 pub(super) type Side = [u32; 2];
 
 impl Wedges {
-    /// Finds the wedges of a mesh that was cut into triangles. `corners` has for each triangle its corners in the input mesh. Returns
-    /// `None` if the mesh has no corner attributes other than normals, which are dropped.
-    pub(super) fn new(mesh: &Mesh, triangles: &[[u32; 3]], corners: &[[u32; 3]]) -> Option<Self> {
+    /// Finds the wedges of a mesh that was cut into triangles. Quadrics are relative to `center`. `corners` has for each triangle its corners
+    /// in the input mesh. Returns `None` if the mesh has no corner attributes other than normals, which are dropped.
+    pub(super) fn new(
+        mesh: &Mesh,
+        center: Point3<f64>,
+        triangles: &[[u32; 3]],
+        corners: &[[u32; 3]],
+    ) -> Option<Self> {
         let attributes: Vec<_> = carried_attributes(mesh).map(|(_, attribute)| attribute).collect();
         if attributes.is_empty() {
             return None;
@@ -68,7 +73,7 @@ impl Wedges {
             mixes: Vec::new(),
         };
         if let Some(uv) = mesh.corner().pairs("uv") {
-            wedges.measure(mesh, triangles, corners, uv);
+            wedges.measure(mesh, center, triangles, corners, uv);
         }
         Some(wedges)
     }
@@ -78,6 +83,7 @@ impl Wedges {
     fn measure(
         &mut self,
         mesh: &Mesh,
+        center: Point3<f64>,
         triangles: &[[u32; 3]],
         corners: &[[u32; 3]],
         uv: &[[f64; 2]],
@@ -108,8 +114,11 @@ impl Wedges {
                 let [a, b, c] = corners.map(|corner| uv[corner as usize][axis] * scale);
                 // The gradient of a texture coordinate in the plane of the triangle.
                 let slope = (ac.cross(&normal) * (b - a) + normal.cross(&ab) * (c - a)) / square;
-                let linear =
-                    Linear::new(slope, a - slope.dot(&positions[0].coords), square.sqrt() / 2.0);
+                let linear = Linear::new(
+                    slope,
+                    a - slope.dot(&(positions[0] - center)),
+                    square.sqrt() / 2.0,
+                );
                 wedges.iter().for_each(|&wedge| self.textures[wedge as usize][axis].add(&linear));
             }
         }
