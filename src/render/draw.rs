@@ -34,7 +34,7 @@ fn flat_picture(layers: &[Layer], look: &Look<'_>) -> Option<Image> {
 /// Renders a mesh that is lit from the upper left. The color comes from its texture, otherwise from its vertex colors. Without these it is
 /// the color of clay.
 ///
-/// The inner side of faces is red. If the mesh has the attribute `normal`, that is used for shading. Otherwise the edge between two faces
+/// The inner side of faces is red, unless the view asks for another color. If the mesh has the attribute `normal`, that is used for shading. Otherwise the edge between two faces
 /// looks smooth if their normals differ by less than about 100 degrees.
 pub fn render(mesh: &Mesh, view: &View) -> Image {
     render_all(&[mesh], view)
@@ -45,7 +45,7 @@ pub(crate) fn render_all(meshes: &[&Mesh], view: &View) -> Image {
     let [width, height] = view.size;
     let mut pixels: Vec<Rgb> = vec![[0; 3]; width.saturating_mul(height)];
     if !pixels.is_empty() {
-        let scene = Scene::new(meshes, &Camera::new(meshes, view));
+        let scene = Scene::new(meshes, &Camera::new(meshes, view), view.back_faces);
         let bins = Bins::new(&scene, height);
         pixels.par_chunks_mut(BAND * width).enumerate().for_each(|(band, pixels)| {
             let samples = Band::draw(&scene, &bins, band, [width, pixels.len() / width]);

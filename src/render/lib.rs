@@ -36,4 +36,4 @@ pub use picture::PACK;
 pub(crate) use sampling::{BAND, SAMPLES, array3, array4, pad};
 pub use shapes::{Field, Normalization, Shape, Shapes};
 pub use solid::render_layers;
-pub use view::{Aim, Look, Projection, Representation, View};
+pub use view::{Aim, BackFaces, Look, Projection, Representation, View};

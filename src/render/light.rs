@@ -4,13 +4,19 @@ use std::sync::LazyLock;
 
 use maquette_value::{Rgb, linear_from_srgb, srgb_from_linear};
 
+use super::view::BackFaces;
 use super::{array3, array4, pad};
 
 /// The color of untextured surfaces: a warm light gray, sRGB (206, 199, 190).
 pub(super) const CLAY: Light = [0.617, 0.571, 0.515, 0.0];
 
-/// The color of the inner side of faces: a dull red, sRGB (172, 66, 58).
-pub(super) const INNER: Light = [0.413, 0.054, 0.042, 0.0];
+/// Returns the color of the inner side of faces: a dull red, sRGB (172, 66, 58), or a dark gray, sRGB (120, 117, 113).
+pub(super) fn back_face(color: BackFaces) -> Light {
+    match color {
+        BackFaces::Marked => [0.413, 0.054, 0.042, 0.0],
+        BackFaces::Neutral => [0.188, 0.178, 0.165, 0.0],
+    }
+}
 
 /// Linear light: red, green, blue, and a fourth number that is 0.
 pub(super) type Light = [f32; 4];

@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 
 use super::camera::{Camera, ProjectedVertex};
 use super::light::{self, Light};
+use super::view::BackFaces;
 use super::{array3, array4, pad};
 
 /// The number of vertices that one parallel task processes.
@@ -28,6 +29,7 @@ pub(super) struct Scene<'a> {
     view_positions: Vec<[f32; 3]>,
     shadings: Vec<MeshShading<'a>>,
     perspective: bool,
+    back_face: Light,
 }
 
 /// The data for shading one mesh of a scene.
@@ -75,7 +77,7 @@ pub(super) struct Triangle {
 }
 
 impl<'a> Scene<'a> {
-    pub(super) fn new(meshes: &[&'a Mesh], camera: &Camera) -> Self {
+    pub(super) fn new(meshes: &[&'a Mesh], camera: &Camera, back_faces: BackFaces) -> Self {
         let perspective = camera.is_perspective();
         let (corners, triangles) = triangles_of(meshes);
         let (mut projected, mut view_positions) = (Vec::new(), Vec::new());
@@ -96,7 +98,8 @@ impl<'a> Scene<'a> {
             append(&mut projected, seen.0);
             append(&mut view_positions, seen.1);
         }
-        Self { corners, triangles, projected, view_positions, shadings, perspective }
+        let back_face = light::back_face(back_faces);
+        Self { corners, triangles, projected, view_positions, shadings, perspective, back_face }
     }
 
     /// Returns the number of triangles in the scene.
@@ -146,6 +149,7 @@ impl<'a> Scene<'a> {
             flat,
             normals,
             color,
+            back_face: self.back_face,
         }
     }
 
@@ -202,6 +206,7 @@ pub(super) struct Facet<'a> {
     /// The normals at the corners of the triangle.
     normals: [[f32; 4]; 3],
     color: Color<'a>,
+    back_face: Light,
 }
 
 /// The color of a triangle, as data at its corners.
@@ -220,7 +225,7 @@ impl Facet<'_> {
         let normal =
             unit(mix(weights, &self.normals)).or(self.flat).unwrap_or([0.0, 0.0, 1.0, 0.0]);
         if inner {
-            return light::lit(light::INNER, array4(|k| -normal[k]));
+            return light::lit(self.back_face, array4(|k| -normal[k]));
         }
         let color = match &self.color {
             Color::Clay => light::CLAY,

@@ -22,6 +22,18 @@ pub struct View {
     pub projection: Projection,
     /// The part of the scene to show. If it is `None`, the whole scene is shown.
     pub aim: Option<Aim>,
+    /// The color of the inner side of faces.
+    pub back_faces: BackFaces,
+}
+
+/// The color of the inner side of faces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BackFaces {
+    /// Red, so that faces with a wrong orientation are noticed.
+    #[default]
+    Marked,
+    /// A dark gray.
+    Neutral,
 }
 
 /// The part of a scene that is shown in the middle of a picture. Positions are in mm, in the coordinate axes of the scene.
@@ -62,6 +74,7 @@ impl View {
             zoom: 1.0,
             projection: Projection::Perspective,
             aim: None,
+            back_faces: BackFaces::Marked,
         }
     }
 }

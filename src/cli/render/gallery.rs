@@ -5,21 +5,20 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
-use maquette_engine::session::Session;
 use maquette_engine::writing::{Destination, Sources, WriteError};
 use maquette_format::png;
 use maquette_golden::suite::FileKind;
 use maquette_graph::catalog::{Catalog, Description, describe_default, describe_parameter};
 use maquette_graph::{Graph, Options, Subgraph};
-use maquette_render::{View, render};
 use maquette_syntax::any_of;
-use maquette_value::AnyValue;
 use maquette_value::fs;
 use serde_json::Value as Json;
 
 use crate::cache_options::CacheOptions;
 use crate::files::is_no_graph;
-use crate::{Exit, all_outputs, eprint, format_count, print, report};
+use crate::{Exit, eprint, format_count, print, report};
+
+mod tile;
 
 #[derive(Args)]
 pub(crate) struct Gallery {
@@ -32,20 +31,6 @@ pub(crate) struct Gallery {
     #[command(flatten)]
     cache: CacheOptions,
 }
-
-/// The width and height of a picture in pixels. At this size several pictures fit side by side, and a file has some tens of kilobytes.
-const SIZE: [usize; 2] = [320, 240];
-
-/// The camera: it looks slightly from the right and from above, to show depth.
-const VIEW: View = View { size: SIZE, yaw: 25.0, pitch: 10.0, ..FRONT };
-const FRONT: View = View {
-    size: SIZE,
-    yaw: 0.0,
-    pitch: 0.0,
-    zoom: 1.0,
-    projection: maquette_render::Projection::Perspective,
-    aim: None,
-};
 
 const PAGE: &str = "README.md";
 const PICTURES: &str = "pictures";
@@ -85,7 +70,8 @@ impl Gallery {
                     Some(session) => session,
                     none => none.insert(self.cache.reporting_session(0, catalog)?),
                 };
-                let bytes = picture_of(&graph, session)
+                let bytes = tile::draw(&graph, session)
+                    .and_then(|picture| png::encode_rgb(&picture).ok())
                     .ok_or_else(|| format!("{} has no visible output", path.display()))?;
                 pictures.push((file, bytes));
             }
@@ -275,14 +261,6 @@ fn graphs(folder: &Path) -> Result<Vec<PathBuf>, String> {
     }
     graphs.sort();
     Ok(graphs)
-}
-
-/// Returns a picture of the graph's first output that has faces.
-fn picture_of(graph: &Graph, session: &mut Session) -> Option<Vec<u8>> {
-    let finished = all_outputs(session, graph)?;
-    let mesh =
-        graph.output_names().filter_map(|name| finished.value(name)).find_map(AnyValue::as_mesh)?;
-    png::encode_rgb(&render(&mesh, &VIEW)).ok()
 }
 
 fn has_content(path: &Path, bytes: &[u8]) -> bool {
