@@ -193,7 +193,7 @@ mod tests {
         });
         let cells = (0..400).map(|k| k / 20 * 21 + k % 20);
         let faces = cells.flat_map(|a| [[a, a + 1, a + 22], [a, a + 22, a + 21]]);
-        Mesh::new(positions.collect(), Faces::triangles(faces.collect())).unwrap()
+        Mesh::new(positions.collect::<Vec<_>>(), Faces::triangles(faces.collect())).unwrap()
     }
 
     #[test]
@@ -210,11 +210,11 @@ mod tests {
     #[test]
     fn a_change_of_everything_and_another_size_are_shown_whole() {
         let moved = sheet(0.0).with_positions(
-            sheet(0.0).positions().iter().map(|p| Point3::new(p.x, p.y, 3.0)).collect(),
+            sheet(0.0).positions().iter().map(|p| Point3::new(p.x, p.y, 3.0)).collect::<Vec<_>>(),
         );
         assert_eq!(Change::new(&sheet(0.0), &moved.unwrap()).unwrap().aim, None);
-        let larger =
-            sheet(0.0).with_positions(sheet(0.0).positions().iter().map(|p| p * 2.0).collect());
+        let larger = sheet(0.0)
+            .with_positions(sheet(0.0).positions().iter().map(|p| p * 2.0).collect::<Vec<_>>());
         assert!(Change::new(&sheet(0.0), &larger.unwrap()).is_none());
     }
 }
