@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::grid::contour::contours;
+use super::grid::depth_steps::{DepthSteps, without_steps};
 use super::grid::footprint::covered_cells;
 use super::holes::range_holes::{fill_points, usable_cells, with_enclosed};
 
@@ -75,7 +76,10 @@ impl Node for ExtractRegion {
             enclosed: self.enclosed,
             close_radius: self.close as usize,
         };
-        let region = extract_region(labels, range, self.pick, options, cx.progress())?;
+        let (region, steps) = extract(labels, range, self.pick, options, cx.progress())?;
+        if let Some(warning) = steps.warning() {
+            cx.warn(warning);
+        }
         let (low, high) = region.bounds();
         let [columns, rows] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
         if columns < 3 || rows < 3 {
@@ -119,7 +123,8 @@ pub struct RegionOptions {
 ///   it neither touches the border of the grid nor has more than a thousand cells. The points solve Laplace's equation, coordinate by
 ///   coordinate, from the cells of the region around them. They are flagged as filled, as are cells already filled in `range`.
 /// - All other invalid cells leave the region. Of the remaining cells, the largest component connected by sides is taken; of several
-///   equally large components, the first.
+///   equally large components, the first. Cells whose points are more than six times the grid's median spacing apart, across a depth step,
+///   are not connected.
 ///
 /// Returns an error if the labels do not have the size of the range image's picture, if the part does not exist, or if no cell with a point
 /// remains.
@@ -130,6 +135,17 @@ pub fn extract_region(
     options: RegionOptions,
     progress: &Progress<'_>,
 ) -> Result<Region, Error> {
+    Ok(extract(labels, range, pick, options, progress)?.0)
+}
+
+/// Extracts a region as [`extract_region`] does, and finds the depth steps that it crosses.
+fn extract(
+    labels: &Labels,
+    range: &RangeImage,
+    pick: Pick,
+    options: RegionOptions,
+    progress: &Progress<'_>,
+) -> Result<(Region, DepthSteps), Error> {
     let size = [labels.width(), labels.height()];
     let picture = range.registration().picture;
     if size != picture {
@@ -149,6 +165,7 @@ pub fn extract_region(
     let closed = close(&covered, options.close_radius);
     let filled_region = if options.enclosed { with_enclosed(&closed, range) } else { closed };
     let usable = usable_cells(&filled_region, range, options.fill);
+    let (usable, steps) = without_steps(usable, range);
     let pieces = label(&usable, Connectivity::Four);
     let no_point = Error::new(format!(
         "label {number} covers {cells} cells of the range grid, but no usable one has a point"
@@ -162,7 +179,7 @@ pub fn extract_region(
     {
         return Err(no_point);
     }
-    finish(&pieces, largest, range, progress)
+    Ok((finish(&pieces, largest, range, progress)?, steps))
 }
 
 /// Returns the label of the part of the picture that `pick` chooses.

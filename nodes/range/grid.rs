@@ -2,6 +2,7 @@
 
 pub(super) mod border;
 pub(super) mod contour;
+pub(super) mod depth_steps;
 pub(super) mod footprint;
 pub(super) mod grid_triangles;
 pub(super) mod joins;

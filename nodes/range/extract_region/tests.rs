@@ -319,3 +319,28 @@ fn a_region_of_the_whole_range_image_differs_from_one_at_its_border() {
     assert!(covers_everything(&["####"; 4]));
     assert!(!covers_everything(&["....", "####", "####"]));
 }
+
+#[test]
+fn a_depth_step_separates_the_surfaces_of_a_region() {
+    // The columns at the left are nearer by `step` mm; the label covers one of four of them.
+    let check = |step: &dyn Fn(f64) -> f64| {
+        let cells = (0..200).map(|cell| [cell % 20, cell / 20].map(f64::from));
+        let points = cells.map(|[x, y]| {
+            let step = if x < 4.0 { step(y) } else { 0.0 };
+            Point3::new(x, y, 700.0 + 0.1 * x - step)
+        });
+        let range = RangeImage::new(20, 10, points.collect()).unwrap();
+        let labels = spots(&["...#########........"; 10]);
+        let found =
+            extract(&labels, &range, Pick::Largest, options(true, 0), &Progress::silent()).unwrap();
+        (found.0.cells().len(), found.1.warning().unwrap_or_default())
+    };
+    let (cells, warning) = check(&|_| 40.0);
+    assert_eq!(cells, 80);
+    assert!(warning.contains("at cell (3, 9): 10 cells on other surfaces"), "{warning}");
+    // A step that ends inside the region separates nothing.
+    let (cells, warning) = check(&|y| 36.0 - 4.0 * y);
+    assert_eq!(cells, 90);
+    assert!(warning.contains("36.1 mm at cell (3, 0): the new surface stretches"), "{warning}");
+    assert_eq!(check(&|_| 0.0), (90, String::new()));
+}

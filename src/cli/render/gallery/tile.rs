@@ -38,11 +38,13 @@ pub(super) fn draw(graph: &Graph, session: &mut Session) -> Option<Image> {
     report(&finished.diagnostics());
     let after =
         graph.output_names().filter_map(|name| finished.value(name)).find_map(AnyValue::as_mesh)?;
-    let before = source.iter().filter_map(|name| finished.value(name)).find_map(surface);
-    let change = before.as_ref().and_then(|before| Change::new(before, &after));
+    let compared = source.iter().filter_map(|name| surface(finished.value(name)?)).find_map(|it| {
+        let change = Change::new(&it, &after)?;
+        Some((it, change))
+    });
     let [yaw, pitch] = BESIDE;
     let view = View { size: SIZE, yaw, pitch, back_faces: BackFaces::Neutral, ..View::front() };
-    let Some((before, change)) = before.zip(change) else { return Some(render(&after, &view)) };
+    let Some((before, change)) = compared else { return Some(render(&after, &view)) };
     let view = change.look(view);
     Some(side_by_side(&[&textured(before, &after), &after].map(|mesh| render(mesh, &view))))
 }
