@@ -13,7 +13,7 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::combine::boolean;
+use crate::combine::{Parts, boolean};
 use crate::contour::Contour;
 use crate::operation::Operation;
 use crate::transfer_attributes::transfer_attributes;
@@ -166,13 +166,16 @@ pub fn hollow(
     let crossing = progress.part(0.0..0.1, |progress| mesh.crossings(|| progress.check()))?;
     if let Some([first, second]) = crossing.first() {
         bail!(
-            "the mesh intersects itself: {} pairs of faces cross, such as {first} and {second}; use `Reconstruct` to make one surface of it",
+            "the mesh intersects itself: {} pairs of faces cross, such as {first} and {second}; use `Solid(base: Keep, repair: Voxels())` to repair it",
             crossing.len()
         );
     }
     let Some((low, high)) = mesh.bounds() else { return Ok(mesh.clone()) };
     if volume(mesh, low) < 0.0 {
         bail!("the mesh is inside out; use `Orient` to turn it outward");
+    }
+    if let Some(part) = Parts::new(mesh).misplaced(progress)? {
+        bail!("{}", part.describe());
     }
     let tree = TriangleTree::new(mesh);
     let counts = depth::counts([low, high], spacing)?;
