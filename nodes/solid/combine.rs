@@ -8,6 +8,7 @@ use std::borrow::Cow;
 
 use arrangement::arrange;
 use cut::Cut;
+use films::has_film;
 use intersections::{NoInsideError, Pair};
 use maquette_mesh::{Poses, merge};
 use maquette_node::{Error, Progress, bail};
@@ -23,6 +24,7 @@ mod arrangement;
 mod assembly;
 mod cut;
 mod exact;
+mod films;
 mod intersections;
 mod parts;
 mod rays;
@@ -147,7 +149,7 @@ fn of_two(
         [&with_missing_attributes(second, first)?, &with_missing_attributes(first, second)?];
     let both = merge(&[first, second], Poses::Ignore)?;
     let counts = (first.positions().len(), first.faces().len());
-    let made = |grows: bool, progress: &Progress<'_>| -> Result<Mesh, Error> {
+    let perturbed = |grows: bool, progress: &Progress<'_>| -> Result<Perturbed, Error> {
         let pair = Pair::new(&both, counts, grows);
         let meet = progress.part(0.0..0.5, |progress| pair.meet(progress))?;
         let inside = pair.find_inside(&meet)?;
@@ -155,32 +157,42 @@ fn of_two(
         let mut cut = Cut::new(&pair, &meet, &inside, how);
         weld(&mut cut);
         progress.tick(0.9)?;
-        Ok(cut.mesh()?)
+        Ok(Perturbed { has_film: has_film(&cut), mesh: cut.mesh()? })
     };
     // The second solid grows or shrinks by an infinitesimal amount. This decides the result where faces of both solids are coplanar. A
     // solid that touches itself may intersect itself after this growth; then a second attempt exchanges growing and shrinking.
     let grows = how != Operation::Intersection;
-    let error = match progress.part(0.0..0.8, |progress| made(grows, progress)) {
-        Ok(made) => return Ok(made),
-        Err(error) => error,
-    };
+    let mut found = progress.part(0.0..0.8, |progress| perturbed(grows, progress));
     progress.check()?;
-    if error.downcast::<NoInsideError>().is_some()
-        && let Ok(made) = progress.part(0.8..0.9, |progress| made(!grows, progress))
+    if found.as_ref().is_err_and(|error| error.downcast::<NoInsideError>().is_some())
+        && let Ok(other) = progress.part(0.8..0.9, |progress| perturbed(!grows, progress))
     {
-        return Ok(made);
+        found = Ok(other);
     }
     progress.check()?;
+    if let Ok(Perturbed { mesh, has_film: false }) = found {
+        return Ok(mesh);
+    }
     // Faces that coincide, and solids that cross themselves, need the slower exact arrangement.
     let first_faces = [0, first.faces().len()];
     let arranged = progress.part(0.9..1.0, |progress| {
         arrange(&both, &first_faces, |windings| how.contains(windings), progress)
     });
     progress.check()?;
-    arranged.map_err(|why| match error.downcast::<NoInsideError>() {
-        Some(_) => error,
-        None => Error::new(format!("the solids touch in a way that cannot be resolved: {why}; move or turn one of them slightly")),
-    })
+    match (arranged, found) {
+        (Ok(mesh), _) | (Err(_), Ok(Perturbed { mesh, .. })) => Ok(mesh),
+        (Err(_), Err(error)) if error.downcast::<NoInsideError>().is_some() => Err(error),
+        (Err(why), Err(_)) => bail!(
+            "the solids touch in a way that cannot be resolved: {why}; move one of them slightly"
+        ),
+    }
+}
+
+/// The result for perturbed solids.
+struct Perturbed {
+    mesh: Mesh,
+    /// True if faces of both solids lie on each other in the result.
+    has_film: bool,
 }
 
 #[cfg(test)]

@@ -33,8 +33,8 @@ mod triangulation;
 /// Maximum number of times that the result is divided again because rounding made parts of it cross.
 const ROUNDS: usize = 6;
 
-/// Distance, in cells of the grid, up to which vertices count as one.
-const WELD: i64 = 2;
+/// Distance, in cells of the grid, up to which vertices count as one: 4e-9 of the extent, the rounding of other Boolean operations.
+const WELD: i64 = 2048;
 
 /// Applies an operation to the solids that are merged in `mesh`. `first_faces` has the index of each solid's first face; `is_inside` tells
 /// from the winding numbers of the solids whether a place is inside of the result. The result is closed, manifold and oriented, and does not
@@ -137,7 +137,7 @@ struct Welded {
 impl Welded {
     /// Adds the vertices to `points`. A vertex that is close to an earlier one gets the same point.
     fn new(mesh: &Mesh, grid: &Grid, points: &mut Points) -> Self {
-        const BUCKET: i64 = 64;
+        const BUCKET: i64 = 32 * WELD;
         let mut buckets: BTreeMap<Site, Vec<u32>> = BTreeMap::new();
         let mut welded = Self { points: Vec::new(), sites: Vec::new(), vertices: Vec::new() };
         for (vertex, at) in (0..).zip(mesh.positions().iter()) {

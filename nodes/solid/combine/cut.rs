@@ -125,6 +125,11 @@ impl<'a> Cut<'a> {
         self.meet.meetings.len()
     }
 
+    /// Returns the solid, 0 or 1, to which a triangle belongs.
+    pub(super) fn solid_of(&self, triangle: u32) -> usize {
+        self.pair.solid_of(self.pair.triangles[triangle as usize].vertices[0])
+    }
+
     /// Returns the distance in mm below which two points count as one.
     pub(super) fn tolerance(&self) -> f64 {
         self.pair.tolerance
