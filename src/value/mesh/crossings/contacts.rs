@@ -11,8 +11,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Point3, Vector3};
 use robust::{Coord, orient2d};
 
-use super::{Corners, edges_of, side};
-use crate::Mesh;
+use super::{Corners, Predicates, edges_of, straddles};
 
 /// An edge of one triangle in the plane of another one.
 #[derive(Clone, Copy, Debug)]
@@ -64,10 +63,10 @@ fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
 }
 
 /// Returns true if an edge in the plane of a triangle has more than a point in common with the triangle's interior or with one of its edges.
-pub(super) fn overlaps(mesh: &Mesh, edge: [u32; 2], triangle: Corners) -> bool {
-    Plane::of(mesh, triangle).is_some_and(|plane| {
-        plane.crosses_interior(mesh, edge, triangle)
-            || edges_of(triangle).into_iter().any(|other| plane.runs_along(mesh, edge, other))
+pub(super) fn overlaps(predicates: &Predicates<'_>, edge: [u32; 2], triangle: Corners) -> bool {
+    Plane::of(predicates, triangle).is_some_and(|plane| {
+        plane.crosses_interior(predicates, edge, triangle)
+            || edges_of(triangle).into_iter().any(|other| plane.runs_along(predicates, edge, other))
     })
 }
 
@@ -79,58 +78,66 @@ struct Plane {
 
 impl Plane {
     /// The plane of a triangle; `None` if the triangle has no area.
-    fn of(mesh: &Mesh, triangle: Corners) -> Option<Self> {
-        let [a, b, c] = triangle.map(|vertex| mesh.positions()[vertex as usize]);
+    fn of(predicates: &Predicates<'_>, triangle: Corners) -> Option<Self> {
+        let [a, b, c] = triangle.map(|vertex| predicates.mesh.positions()[vertex as usize]);
         let normal: Vector3<f64> = (b - a).cross(&(c - a));
         let axis = normal.iamax();
         // If rounding hides which projection has an area, try all.
         [axis, (axis + 1) % 3, (axis + 2) % 3]
             .into_iter()
             .map(|axis| Self { axes: [(axis + 1) % 3, (axis + 2) % 3] })
-            .find(|plane| plane.side(mesh, triangle) != 0.0)
+            .find(|plane| plane.side(predicates, triangle) != 0.0)
     }
 
-    fn coord(self, mesh: &Mesh, vertex: u32) -> Coord<f64> {
-        let Point3 { coords } = mesh.positions()[vertex as usize];
+    fn coord(self, predicates: &Predicates<'_>, vertex: u32) -> Coord<f64> {
+        let Point3 { coords } = predicates.mesh.positions()[vertex as usize];
         Coord { x: coords[self.axes[0]], y: coords[self.axes[1]] }
     }
 
-    /// The orientation of three vertices in this plane, as the sign of their area.
-    fn side(self, mesh: &Mesh, [a, b, c]: Corners) -> f64 {
+    /// The orientation of three vertices in this plane, as the sign of their area. It is 0 if the third is on the line through the others.
+    fn side(self, predicates: &Predicates<'_>, [a, b, c]: Corners) -> f64 {
         if a == b || b == c || c == a {
             return 0.0;
         }
-        orient2d(self.coord(mesh, a), self.coord(mesh, b), self.coord(mesh, c))
+        let [a, b, c] = [a, b, c].map(|vertex| self.coord(predicates, vertex));
+        let area = orient2d(a, b, c);
+        let length = libm::hypot(b.x - a.x, b.y - a.y);
+        if area.abs() <= predicates.tolerance * length { 0.0 } else { area }
     }
 
     /// Returns true if an edge has more than a point in common with the interior of a triangle in the same plane: no line along a side of
     /// either separates them.
-    fn crosses_interior(self, mesh: &Mesh, edge: [u32; 2], triangle: Corners) -> bool {
-        let sign = self.side(mesh, triangle);
+    fn crosses_interior(
+        self,
+        predicates: &Predicates<'_>,
+        edge: [u32; 2],
+        triangle: Corners,
+    ) -> bool {
+        let sign = self.side(predicates, triangle);
         let is_outside = |[u, v]: [u32; 2]| {
             edge.iter().all(|&end| {
-                let side = self.side(mesh, [u, v, end]);
+                let side = self.side(predicates, [u, v, end]);
                 if sign < 0.0 { 0.0 <= side } else { side <= 0.0 }
             })
         };
-        let sides = triangle.map(|vertex| self.side(mesh, [edge[0], edge[1], vertex]));
-        super::straddles(sides) && !edges_of(triangle).into_iter().any(is_outside)
+        let sides = triangle.map(|vertex| self.side(predicates, [edge[0], edge[1], vertex]));
+        straddles(sides) && !edges_of(triangle).into_iter().any(is_outside)
     }
 
     /// Returns true if two edges in this plane are on one line and have more than a point in common.
-    fn runs_along(self, mesh: &Mesh, edge: [u32; 2], other: [u32; 2]) -> bool {
+    fn runs_along(self, predicates: &Predicates<'_>, edge: [u32; 2], other: [u32; 2]) -> bool {
         if sorted(edge) == sorted(other)
-            || other.iter().any(|&end| self.side(mesh, [edge[0], edge[1], end]) != 0.0)
+            || other.iter().any(|&end| self.side(predicates, [edge[0], edge[1], end]) != 0.0)
         {
             return false;
         }
-        let [a, b] = edge.map(|vertex| mesh.positions()[vertex as usize]);
+        let [a, b] = edge.map(|vertex| predicates.mesh.positions()[vertex as usize]);
         let axis = (b - a).iamax();
         let [mut own, mut its] =
-            [edge, other].map(|ends| ends.map(|it| mesh.positions()[it as usize][axis]));
+            [edge, other].map(|ends| ends.map(|it| predicates.mesh.positions()[it as usize][axis]));
         own.sort_by(f64::total_cmp);
         its.sort_by(f64::total_cmp);
-        own[0].max(its[0]) < own[1].min(its[1])
+        own[0].max(its[0]) + predicates.tolerance < own[1].min(its[1])
     }
 }
 
@@ -152,7 +159,7 @@ enum Angle {
 
 /// The pairs of faces at which surfaces cross along edges, as numbers of faces in ascending order.
 pub(super) fn crossing_contacts(
-    mesh: &Mesh,
+    predicates: &Predicates<'_>,
     triangles: &[(u32, Corners)],
     wings: &EdgeWings,
     contacts: &[Contact],
@@ -161,19 +168,20 @@ pub(super) fn crossing_contacts(
     let mut regions = Regions::default();
     for contact in contacts {
         let other = triangles[contact.other as usize].1;
-        let (Some(own), Some(plane)) = (wings.of(contact.edge), Plane::of(mesh, other)) else {
+        let (Some(own), Some(plane)) = (wings.of(contact.edge), Plane::of(predicates, other))
+        else {
             continue;
         };
-        let line = Line { mesh, triangles, ends: contact.edge };
+        let line = Line { predicates, triangles, ends: contact.edge };
         let own = own.map(|triangle| HalfPlane { triangle, toward: line.apex(triangle) });
         // A triangle that borders the edge itself is part of the same surface.
         if own.iter().any(|it| it.triangle == contact.other) {
             continue;
         }
         let mut others = Vec::new();
-        if plane.crosses_interior(mesh, contact.edge, other) {
+        if plane.crosses_interior(predicates, contact.edge, other) {
             let ends = contact.edge;
-            let sides = other.map(|vertex| plane.side(mesh, [ends[0], ends[1], vertex]));
+            let sides = other.map(|vertex| plane.side(predicates, [ends[0], ends[1], vertex]));
             let beside = |is_left: bool| {
                 let mut corners = other.into_iter().zip(sides);
                 let found = corners.find(|it| if is_left { 0.0 < it.1 } else { it.1 < 0.0 });
@@ -182,7 +190,7 @@ pub(super) fn crossing_contacts(
             others.extend(beside(true).zip(beside(false)).map(|(left, right)| [left, right]));
         }
         for edge in edges_of(other) {
-            if plane.runs_along(mesh, contact.edge, edge)
+            if plane.runs_along(predicates, contact.edge, edge)
                 && let Some(beside) = wings.of(edge)
             {
                 let along = Line { ends: edge, ..line };
@@ -231,7 +239,7 @@ enum Passage {
 /// The line through an edge.
 #[derive(Clone, Copy)]
 struct Line<'a> {
-    mesh: &'a Mesh,
+    predicates: &'a Predicates<'a>,
     triangles: &'a [(u32, Corners)],
     ends: [u32; 2],
 }
@@ -285,27 +293,27 @@ impl Line<'_> {
     /// Returns true if the normal of a half-plane's triangle points in the counter-clockwise direction.
     fn faces_ahead(&self, half: HalfPlane) -> Option<bool> {
         let corners = self.triangles[half.triangle as usize].1;
-        let plane = Plane::of(self.mesh, corners)?;
-        let own = plane.side(self.mesh, corners);
-        let along = plane.side(self.mesh, [self.ends[0], self.ends[1], half.toward]);
+        let plane = Plane::of(self.predicates, corners)?;
+        let own = plane.side(self.predicates, corners);
+        let along = plane.side(self.predicates, [self.ends[0], self.ends[1], half.toward]);
         (along != 0.0).then_some((0.0 < own) == (0.0 < along))
     }
 
     /// The angle between the half-planes from this line toward two vertices; `None` if a vertex is on the line.
     fn angle(&self, from: u32, to: u32) -> Option<Angle> {
         let [a, b] = self.ends;
-        let plane = Plane::of(self.mesh, [a, b, from])?;
-        let beside = plane.side(self.mesh, [a, b, from]);
+        let plane = Plane::of(self.predicates, [a, b, from])?;
+        let beside = plane.side(self.predicates, [a, b, from]);
         let turn = if from == to || self.ends.contains(&to) {
             0.0
         } else {
-            side(self.mesh, [a, b, from], to)
+            self.predicates.side([a, b, from], to)
         };
         if turn != 0.0 {
             // The determinant is negative if the second vertex is above the triangle.
             return Some(if turn < 0.0 { Angle::LessThanHalf } else { Angle::MoreThanHalf });
         }
-        let other = plane.side(self.mesh, [a, b, to]);
+        let other = plane.side(self.predicates, [a, b, to]);
         match other != 0.0 {
             true => Some(if (0.0 < other) == (0.0 < beside) { Angle::Zero } else { Angle::Half }),
             false => None,
