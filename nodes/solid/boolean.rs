@@ -25,7 +25,7 @@ use crate::operation::Operation;
 pub struct Boolean {
     /// The first solid.
     pub mesh: In<Mesh>,
-    /// The other solids, applied in order. If there are none, the parts of `mesh` are united.
+    /// The other solids, applied in order. If there are none, what `mesh` encloses more than once is united.
     pub with: Vec<In<Mesh>>,
     /// The operation: union, difference or intersection.
     #[serde(default)]

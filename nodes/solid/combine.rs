@@ -74,13 +74,20 @@ pub fn boolean(
     }
     let mut solids = Vec::new();
     for (number, mesh) in [mesh].iter().chain(others).enumerate() {
-        let solid = with_united_parts(mesh, progress)
+        let [from, to] =
+            [number, number + 1].map(|it| 0.05 * it as f64 / (others.len() + 1) as f64);
+        let solid = progress
+            .part(from..to, |progress| with_united_parts(mesh, progress))
             .map_err(|error| Error::new(format!("{}: {error}", name(number, others))))?;
         solids.push(solid);
     }
     let mut made = solids[0].clone().into_owned();
+    if others.is_empty() && !made.crossings(|| progress.check())?.is_empty() {
+        made = progress.part(0.05..1.0, |progress| unite(&made, progress))?;
+    }
     for (number, other) in solids[1..].iter().enumerate() {
-        let [from, to] = [number, number + 1].map(|it| it as f64 / others.len() as f64);
+        let [from, to] =
+            [number, number + 1].map(|it| 0.05 + 0.95 * it as f64 / others.len() as f64);
         let of_two = progress.part(from..to, |progress| of_two(&made, other, how, progress));
         made = of_two.map_err(|error| match error.downcast() {
             Some(&NoInsideError { solid, at }) => Error::new(format!(
@@ -99,7 +106,7 @@ pub fn boolean(
     Ok(if same_axes { made.with_frame(mesh.frame().copied()) } else { made })
 }
 
-/// Unites the parts of a mesh that overlap or lie in each other.
+/// Unites the parts of a mesh that overlap or lie in each other. Crossings inside of one part are not looked for.
 fn with_united_parts<'a>(mesh: &'a Mesh, progress: &Progress<'_>) -> Result<Cow<'a, Mesh>, Error> {
     let parts = Parts::new(mesh);
     let bad = match parts.crossing(progress)? {

@@ -166,6 +166,9 @@ pub fn hollow(
     }
     let crossing = progress.part(0.0..0.1, |progress| mesh.crossings(|| progress.check()))?;
     if let Some([first, second]) = crossing.first() {
+        if let Some(part) = Parts::new(mesh).crossing(progress)? {
+            bail!("{}", part.describe());
+        }
         bail!(
             "the mesh intersects itself: {} pairs of faces cross, such as {first} and {second}; use `Solid(base: Keep, repair: Voxels())` to repair it",
             crossing.len()

@@ -101,10 +101,10 @@ fn divide(
         .collect();
     let parts =
         progress.part(0.0..0.8, |progress| refine(&grid_triangles, &mut points, progress))?;
-    let complex =
-        Complex { triangles: &grid_triangles, solids: &solids, parts: &parts, points: &points };
+    let mut complex =
+        Complex { triangles: &grid_triangles, solids: &solids, parts: &parts, points: &mut points };
     let kept = progress
-        .part(0.8..0.95, |progress| select(&complex, first_faces.len(), is_inside, progress))?;
+        .part(0.8..0.95, |progress| select(&mut complex, first_faces.len(), is_inside, progress))?;
     let kept: Vec<KeptPart> = kept
         .into_iter()
         .map(|it| KeptPart { triangle: grid_triangles[it.triangle as usize].source, ..it })

@@ -155,7 +155,8 @@ fn unsuitable_meshes_are_errors() {
         "{text}"
     );
     let text = error(&merged(&moved(5.0, 1.0)), 2.0, 0.0);
-    assert!(text.starts_with("the mesh intersects itself: "), "{text}");
+    assert!(text.starts_with("part 2 of 2 at "), "{text}");
+    assert!(text.contains("overlaps another part; use `Boolean` with an empty `with`"), "{text}");
     let text = error(&merged(&moved(0.0, 1.0)), 2.0, 0.0);
     assert!(text.starts_with("part 1 of 2 at "), "{text}");
     // Solids that touch are none of these.

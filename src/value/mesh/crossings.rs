@@ -163,6 +163,10 @@ impl<'a> Predicates<'a> {
         if zeros == 2 {
             return Meeting::EdgesOfFirst(edges_in_plane(a, of_a));
         }
+        // Most pairs in one plane are neighbors with a common corner.
+        if zeros == 3 && contacts::are_apart(self, a, b) {
+            return Meeting::Apart;
+        }
         let of_b = self.sides(b, a);
         match (straddles(of_a), straddles(of_b)) {
             (true, true) if self.do_interiors_cross((a, of_a), (b, of_b)) => Meeting::Cross,

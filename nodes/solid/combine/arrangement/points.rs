@@ -3,7 +3,8 @@
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
-use nalgebra::Point3;
+use maquette_value::Bounds;
+use nalgebra::{Point3, Vector3};
 use num_bigint::{BigInt, Sign};
 
 /// Half of the number of cells of the grid along its longest side. Determinants of three coordinate differences must fit into 128 bits.
@@ -32,12 +33,13 @@ impl Grid {
 
     pub(super) fn site(&self, at: &Point3<f64>) -> Site {
         let cells = (at - self.middle) * self.per_mm;
-        [0, 1, 2].map(|axis| cells[axis].round() as i64)
+        // Positions that are not finite would be outside of the grid.
+        [0, 1, 2].map(|axis| cells[axis].round().clamp(-2.0 * HALF, 2.0 * HALF) as i64)
     }
 
     /// Returns the position in mm of a point given in cells of the grid, rounded to a node.
     pub(super) fn position(&self, cells: [f64; 3]) -> Point3<f64> {
-        self.middle + nalgebra::Vector3::from(cells.map(f64::round)) / self.per_mm
+        self.middle + Vector3::from(cells.map(f64::round)) / self.per_mm
     }
 }
 
@@ -117,6 +119,14 @@ impl Points {
         self.rounded[point as usize]
     }
 
+    /// Returns a box around a line in a projection, enlarged by more than the rounding of points.
+    pub(super) fn bounds(&self, ends: [u32; 2], axes: [usize; 2]) -> Bounds {
+        let flat = ends.map(|it| axes.map(|axis| self.rounded(it)[axis]));
+        let Bounds { low, high } = Bounds::from_points(&flat.map(|[x, y]| Point3::new(x, y, 0.0)));
+        let margin = Vector3::repeat(1.0);
+        Bounds { low: low - margin, high: high + margin }
+    }
+
     /// Returns the orientation of three points in a projection: `Greater` if they are counter-clockwise, `Equal` if they are on one line.
     pub(super) fn orientation(&self, [p, q, r]: [u32; 3], [i, j]: [usize; 2]) -> Ordering {
         if p == q || q == r || r == p {
@@ -134,6 +144,59 @@ impl Points {
         let minor = |a: &ExactPoint, b: &ExactPoint| &a.at[i] * &b.at[j] - &a.at[j] * &b.at[i];
         let sum = minor(p, q) * &r.weight + minor(q, r) * &p.weight + minor(r, p) * &q.weight;
         sum.cmp(&BigInt::ZERO)
+    }
+
+    /// Compares a point with the circle through three counter-clockwise points, in a projection: `Greater` if the last point is inside.
+    pub(super) fn in_circle(&self, corners: [u32; 4], [i, j]: [usize; 2]) -> Ordering {
+        let places = corners.map(|it| self.rounded(it));
+        let from = places[3];
+        let [a, b, c] = [0, 1, 2].map(|k| {
+            let [x, y] = [places[k][i] - from[i], places[k][j] - from[j]];
+            [x, y, x * x + y * y]
+        });
+        let minor = |p: [f64; 3], q: [f64; 3]| p[0] * q[1] - p[1] * q[0];
+        let sum = a[2] * minor(b, c) + b[2] * minor(c, a) + c[2] * minor(a, b);
+        let most = [a, b, c].iter().fold(0.0, |most: f64, it| most.max(it[0].abs() + it[1].abs()));
+        let error = 64.0 * most * most * most * (ERROR + 1e-15 * most);
+        if error < sum.abs() {
+            return sum.total_cmp(&0.0);
+        }
+        let rows = corners.map(|it| {
+            let ExactPoint { at, weight } = &self.exact[it as usize];
+            let [x, y] = [&at[i], &at[j]];
+            [x * weight, y * weight, x * x + y * y, weight * weight]
+        });
+        let minor = |r: usize, s: usize, k: usize, l: usize| {
+            &rows[r][k] * &rows[s][l] - &rows[r][l] * &rows[s][k]
+        };
+        // Laplace expansion along the first two rows.
+        let sum = minor(0, 1, 0, 1) * minor(2, 3, 2, 3) - minor(0, 1, 0, 2) * minor(2, 3, 1, 3)
+            + minor(0, 1, 0, 3) * minor(2, 3, 1, 2)
+            + minor(0, 1, 1, 2) * minor(2, 3, 0, 3)
+            - minor(0, 1, 1, 3) * minor(2, 3, 0, 2)
+            + minor(0, 1, 2, 3) * minor(2, 3, 0, 1);
+        sum.cmp(&BigInt::ZERO)
+    }
+
+    /// Adds the weighted mean of three points.
+    pub(super) fn add_inside(&mut self, corners: [u32; 3], weights: [u32; 3]) -> u32 {
+        let corners = corners.map(|it| &self.exact[it as usize]);
+        // The weight of each corner times the denominators of the others.
+        let factors = [0, 1, 2].map(|k| {
+            let [i, j] = [(k + 1) % 3, (k + 2) % 3];
+            &corners[i].weight * &corners[j].weight * weights[k]
+        });
+        let at =
+            [0, 1, 2].map(|axis: usize| (0..3).map(|k| &corners[k].at[axis] * &factors[k]).sum());
+        let weight = (0..3).map(|k| &corners[k].weight * &factors[k]).sum();
+        self.add(ExactPoint::new(at, weight))
+    }
+
+    /// Compares the height of a point above a plane with 0.
+    pub(super) fn height(&self, point: u32, plane: &Plane) -> Ordering {
+        let point = &self.exact[point as usize];
+        let along: BigInt = (0..3).map(|k| &point.at[k] * plane.normal[k]).sum();
+        along.cmp(&(&point.weight * plane.offset))
     }
 
     /// Compares two points by one coordinate.
@@ -231,5 +294,10 @@ mod tests {
         let third = points.add(point_at_zero([[-1, 0, -1], [1, 0, 1]], [-5, 5]));
         assert_eq!(third, a);
         assert_eq!(points.compare(a, middle, [0, 1]), Ordering::Less);
+        let near = points.add_site([3, 3, 0]);
+        assert_eq!(points.in_circle([a, b, c, near], [0, 1]), Ordering::Equal);
+        assert_eq!(points.in_circle([a, b, c, middle], [0, 1]), Ordering::Greater);
+        assert_eq!(points.in_circle([a, b, c, far], [0, 1]), Ordering::Less);
+        assert_eq!(points.in_circle([a, b, middle, c], [0, 1]), Ordering::Less);
     }
 }

@@ -185,10 +185,10 @@ fn divide(triangle: &GridTriangle, mut lines: Vec<[u32; 2]>, points: &mut Points
     lines.sort_unstable();
     lines.dedup();
     let mut all: BTreeSet<u32> = lines.as_flattened().iter().copied().collect();
-    let boxes: Vec<_> = lines.iter().map(|it| line_bounds(*it, axes, points)).collect();
+    let boxes: Vec<_> = lines.iter().map(|it| points.bounds(*it, axes)).collect();
     for k in 0..lines.len() {
         for l in 0..k {
-            if do_overlap(&boxes[k], &boxes[l]) && cross(lines[k], lines[l], axes, points) {
+            if boxes[k].overlaps(&boxes[l]) && cross(lines[k], lines[l], axes, points) {
                 all.insert(points.add_crossing([lines[k], lines[l]], &triangle.plane));
             }
         }
@@ -199,7 +199,7 @@ fn divide(triangle: &GridTriangle, mut lines: Vec<[u32; 2]>, points: &mut Points
             .iter()
             .copied()
             .filter(|&it| {
-                do_overlap(bounds, &line_bounds([it; 2], axes, points))
+                bounds.overlaps(&points.bounds([it; 2], axes))
                     && is_between(it, [p, q], axes, points)
             })
             .chain([p, q])
@@ -208,16 +208,4 @@ fn divide(triangle: &GridTriangle, mut lines: Vec<[u32; 2]>, points: &mut Points
         sides.extend(stops.windows(2).map(|ends| [ends[0].min(ends[1]), ends[0].max(ends[1])]));
     }
     triangulate(triangle.corners, &Vec::from_iter(all), &Vec::from_iter(sides), axes, points)
-}
-
-/// Returns a rectangle around a line in a projection, as minima and maxima, enlarged by more than the rounding of points.
-fn line_bounds(ends: [u32; 2], axes: [usize; 2], points: &Points) -> [[f64; 2]; 2] {
-    let [p, q] = ends.map(|it| axes.map(|axis| points.rounded(it)[axis]));
-    let low = [0, 1].map(|k| f64::min(p[k], q[k]) - 1.0);
-    let high = [0, 1].map(|k| f64::max(p[k], q[k]) + 1.0);
-    [low, high]
-}
-
-fn do_overlap([low, high]: &[[f64; 2]; 2], [other_low, other_high]: &[[f64; 2]; 2]) -> bool {
-    (0..2).all(|k| low[k] <= other_high[k] && other_low[k] <= high[k])
 }

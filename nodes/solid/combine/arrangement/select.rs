@@ -1,18 +1,30 @@
 //! Selects the parts that separate the inside of the result from its outside.
 
+use std::cmp::Ordering;
+
 use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{CancelledError, Progress};
 use maquette_value::{Bounds, BoxTree};
+use nalgebra::{Point3, Vector3};
 
 use super::points::Points;
 use super::refine::{GridTriangle, Part};
-use crate::combine::rays::{Hit, STARTS, hit};
+use crate::combine::rays::Hit;
 
 /// Number of surface patches whose winding numbers are computed between two checks for cancellation.
 const CHUNK: usize = 64;
 
-/// Distance of a ray's start from a triangle, in cells of the grid, below which the ray is unclear.
-const NEAR: f64 = 1e-3;
+/// Weights of the corners of a part for the points from which rays start. The next point is used if a ray meets an edge.
+const STARTS: [[u32; 3]; 8] = [
+    [1, 1, 1],
+    [41, 27, 32],
+    [23, 45, 33],
+    [29, 19, 53],
+    [53, 31, 17],
+    [13, 37, 51],
+    [67, 11, 23],
+    [7, 59, 31],
+];
 
 /// Parts with the same three corners.
 struct Sheet {
@@ -37,7 +49,7 @@ pub(super) struct Complex<'a> {
     /// The solid of each triangle.
     pub(super) solids: &'a [usize],
     pub(super) parts: &'a [Part],
-    pub(super) points: &'a Points,
+    pub(super) points: &'a mut Points,
 }
 
 /// Returns the parts with the inside of the result on one side only. `is_inside` tells from the winding numbers of the solids, of which
@@ -47,7 +59,7 @@ pub(super) struct Complex<'a> {
 /// geometry", 2016). All parts that are connected without passing another surface separate the same two cells, so one ray decides for all of
 /// them.
 pub(super) fn select(
-    complex: &Complex<'_>,
+    complex: &mut Complex<'_>,
     solids: usize,
     is_inside: impl Fn(&[i32]) -> bool,
     progress: &Progress<'_>,
@@ -125,38 +137,35 @@ impl Complex<'_> {
         if longest > 0.0 { (u[0] * v[1] - u[1] * v[0]).abs() / longest.sqrt() } else { 0.0 }
     }
 
-    /// Returns the winding numbers of the solids in front of a sheet and behind it.
-    fn windings(&self, sheet: &Sheet, boxes: &BoxTree, solids: usize) -> [Vec<i32>; 2] {
+    /// Returns the winding numbers of the solids in front of a sheet and behind it: the numbers of exits minus those of entries along a ray
+    /// from a point of the sheet.
+    fn windings(&mut self, sheet: &Sheet, boxes: &BoxTree, solids: usize) -> [Vec<i32>; 2] {
         let front = self.parts[sheet.front.unwrap_or(sheet.parts[0]) as usize];
         let plane = self.triangles[front.triangle as usize].plane;
         let own: Vec<u32> =
             sheet.parts.iter().map(|&part| self.parts[part as usize].triangle).collect();
-        // The number of solids left minus the number of solids entered along the axis of the projection, from the part to infinity.
         let mut beyond = vec![0; solids];
-        for (number, weights) in STARTS.into_iter().enumerate() {
+        for weights in STARTS {
             beyond.fill(0);
-            let mut from = [0.0; 3];
-            for (corner, weight) in front.corners.into_iter().zip(weights) {
-                let at = self.points.rounded(corner);
-                (0..3).for_each(|axis| from[axis] += weight * at[axis]);
-            }
-            let mut to = from;
-            to[plane.axis] = f64::MAX;
+            let from = self.points.add_inside(front.corners, weights);
+            let place = Point3::from(self.points.rounded(from));
+            // The box is larger than the rounding of the point.
+            let low = place - Vector3::repeat(1.0);
+            let mut high = place + Vector3::repeat(1.0);
+            high[plane.axis] = f64::MAX;
             let mut is_clear = true;
-            boxes.visit_overlapping(&Bounds { low: from.into(), high: to.into() }, |other| {
+            boxes.visit_overlapping(&Bounds { low, high }, |other| {
                 if own.contains(&other) {
                     return;
                 }
-                let triangle = &self.triangles[other as usize];
-                let corners = triangle.sites.map(|site| site.map(|x| x as f64));
-                match hit(corners, from, plane.axis, NEAR) {
+                match self.triangles[other as usize].hit(from, plane.axis, self.points) {
                     Hit::None => {}
                     Hit::Unclear => is_clear = false,
                     Hit::Leaves => beyond[self.solids[other as usize]] += 1,
                     Hit::Enters => beyond[self.solids[other as usize]] -= 1,
                 }
             });
-            if is_clear || number + 1 == STARTS.len() {
+            if is_clear {
                 break;
             }
         }
@@ -166,6 +175,35 @@ impl Complex<'_> {
             before[self.solids[triangle as usize]] += if is_up { 1 } else { -1 };
         }
         if 0 < plane.normal[plane.axis] { [beyond, before] } else { [before, beyond] }
+    }
+}
+
+impl GridTriangle {
+    /// Intersects the triangle with a ray in the positive direction of an axis. The ray is unclear if it meets an edge.
+    fn hit(&self, from: u32, axis: usize, points: &Points) -> Hit {
+        let is_up = match self.plane.normal[axis].cmp(&0) {
+            Ordering::Equal => return Hit::None,
+            order => order.is_gt(),
+        };
+        let [i, j] = [(axis + 1) % 3, (axis + 2) % 3];
+        let axes = if is_up { [i, j] } else { [j, i] };
+        let [a, b, c] = self.corners;
+        let sides =
+            [[a, b, from], [b, c, from], [c, a, from]].map(|it| points.orientation(it, axes));
+        if sides.contains(&Ordering::Less) {
+            return Hit::None;
+        }
+        // The triangle is beyond the start of the ray if the start is on the side to which the ray does not run.
+        let is_beyond = match points.height(from, &self.plane) {
+            Ordering::Equal => return Hit::Unclear,
+            order => order.is_lt() == is_up,
+        };
+        match (is_beyond, sides.contains(&Ordering::Equal)) {
+            (false, _) => Hit::None,
+            (true, true) => Hit::Unclear,
+            (true, false) if is_up => Hit::Leaves,
+            (true, false) => Hit::Enters,
+        }
     }
 }
 

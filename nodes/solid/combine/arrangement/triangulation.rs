@@ -1,18 +1,16 @@
 //! Triangulates points and lines in a triangle, with exact predicates.
 
 use std::cmp::Ordering;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 use super::points::Points;
-
-/// Maximum number of passes over all edges that improve the shapes of triangles.
-const PASSES: usize = 12;
 
 /// Triangulates the triangle `corners`, which is counter-clockwise in the projection along `axes`. All points become corners of triangles,
 /// and all `sides`, which cross each other only at their ends, become edges.
 ///
 /// Points are inserted one by one, and edges that cross a side are flipped: Sloan, "A fast algorithm for generating constrained Delaunay
-/// triangulations" (1993). Then edges are flipped where this makes the smaller height of both triangles larger.
+/// triangulations" (1993). Then edges are flipped until the triangulation is the constrained Delaunay triangulation. Ties are broken by the
+/// numbers of the points, so it is unique: two triangles in one plane are divided alike where they overlap.
 pub(super) fn triangulate(
     corners: [u32; 3],
     inner: &[u32],
@@ -20,16 +18,19 @@ pub(super) fn triangulate(
     axes: [usize; 2],
     points: &Points,
 ) -> Vec<[u32; 3]> {
-    let mut triangulation = Triangulation { triangles: vec![corners], axes, points };
+    let mut triangulation =
+        Triangulation { triangles: vec![corners], sides: BTreeMap::new(), axes, points };
+    triangulation.set(0, corners);
     inner.iter().filter(|it| !corners.contains(it)).for_each(|&it| triangulation.insert(it));
-    triangulation.improve(&[]);
     sides.iter().for_each(|&side| triangulation.enforce(side));
-    triangulation.improve(sides);
+    triangulation.make_delaunay(sides);
     triangulation.triangles
 }
 
 struct Triangulation<'a> {
     triangles: Vec<[u32; 3]>,
+    /// The triangle to the left of each directed edge.
+    sides: BTreeMap<[u32; 2], usize>,
     axes: [usize; 2],
     points: &'a Points,
 }
@@ -57,34 +58,44 @@ impl Triangulation<'_> {
         match sides.iter().position(|side| side.is_eq()) {
             None => {
                 let [first, second, third] = edges(triangle).map(|[p, q]| [p, q, point]);
-                self.triangles[number] = first;
-                self.triangles.extend([second, third]);
+                self.set(number, first);
+                self.set(self.triangles.len(), second);
+                self.set(self.triangles.len(), third);
             }
             Some(k) => {
                 let [p, q] = edges(triangle)[k];
-                for number in 0..self.triangles.len() {
-                    let own = self.triangles[number];
-                    let side = edges(own).into_iter().position(|it| it == [p, q] || it == [q, p]);
-                    if let Some(side) = side {
-                        let [a, b, c] = rotate(own, side);
-                        self.triangles[number] = [a, point, c];
-                        self.triangles.push([point, b, c]);
+                let halves = [[p, q], [q, p]].map(|edge| (edge, self.sides.remove(&edge)));
+                for ([a, b], number) in halves {
+                    if let Some(number) = number {
+                        let tip = self.tip(number, [a, b]);
+                        self.set(number, [a, point, tip]);
+                        self.set(self.triangles.len(), [point, b, tip]);
                     }
                 }
             }
         }
     }
 
+    /// Replaces a triangle, or adds one at the end of the list. Its edges replace those of older triangles.
+    fn set(&mut self, number: usize, triangle: [u32; 3]) {
+        match self.triangles.get_mut(number) {
+            Some(place) => *place = triangle,
+            None => self.triangles.push(triangle),
+        }
+        self.sides.extend(edges(triangle).map(|edge| (edge, number)));
+    }
+
+    /// Returns the corner of a triangle opposite to an edge.
+    fn tip(&self, number: usize, edge: [u32; 2]) -> u32 {
+        let corners = self.triangles[number];
+        corners.into_iter().find(|it| !edge.contains(it)).unwrap_or(corners[0])
+    }
+
     /// Finds the two triangles at an edge; `None` at the border.
     fn quad(&self, [p, q]: [u32; 2]) -> Option<Quad> {
-        let find = |edge: [u32; 2]| {
-            self.triangles.iter().enumerate().find_map(|(number, &own)| {
-                let side = edges(own).into_iter().position(|it| it == edge)?;
-                Some((number, rotate(own, side)[2]))
-            })
-        };
-        let ((left, tip), (right, other)) = find([p, q]).zip(find([q, p]))?;
-        Some(Quad { triangles: [left, right], ends: [p, q], tips: [tip, other] })
+        let (&left, &right) = self.sides.get(&[p, q]).zip(self.sides.get(&[q, p]))?;
+        let tips = [self.tip(left, [p, q]), self.tip(right, [p, q])];
+        Some(Quad { triangles: [left, right], ends: [p, q], tips })
     }
 
     /// Returns true if the edge of a quad can be flipped: both new triangles are counter-clockwise.
@@ -95,8 +106,10 @@ impl Triangulation<'_> {
 
     fn flip(&mut self, quad: &Quad) {
         let Quad { triangles, ends: [p, q], tips: [left, right] } = *quad;
-        self.triangles[triangles[0]] = [left, right, q];
-        self.triangles[triangles[1]] = [right, left, p];
+        self.sides.remove(&[p, q]);
+        self.sides.remove(&[q, p]);
+        self.set(triangles[0], [left, right, q]);
+        self.set(triangles[1], [right, left, p]);
     }
 
     fn do_cross(&self, [p, q]: [u32; 2], [u, v]: [u32; 2]) -> bool {
@@ -109,11 +122,17 @@ impl Triangulation<'_> {
 
     /// Makes `side` an edge: flips the edges that cross it.
     fn enforce(&mut self, side: [u32; 2]) {
+        let [p, q] = side;
+        if self.sides.contains_key(&[p, q]) || self.sides.contains_key(&[q, p]) {
+            return;
+        }
+        let bounds = self.points.bounds(side, self.axes);
         let mut crossing: VecDeque<[u32; 2]> = self
             .triangles
             .iter()
             .flat_map(|&own| edges(own))
-            .filter(|&[p, q]| p < q && self.do_cross([p, q], side))
+            .filter(|&[p, q]| p < q && bounds.overlaps(&self.points.bounds([p, q], self.axes)))
+            .filter(|&edge| self.do_cross(edge, side))
             .collect();
         // Each edge is visited a few times only; the limit protects from endless loops.
         let limit = 64 + 16 * crossing.len() * crossing.len();
@@ -131,47 +150,27 @@ impl Triangulation<'_> {
         }
     }
 
-    /// Flips edges, except those in the sorted list `fixed`, such that triangles become higher.
-    fn improve(&mut self, fixed: &[[u32; 2]]) {
-        for _ in 0..PASSES {
-            let all: Vec<[u32; 2]> = self
-                .triangles
-                .iter()
-                .flat_map(|&own| edges(own))
-                .filter(|&[p, q]| p < q && fixed.binary_search(&[p, q]).is_err())
-                .collect();
-            let mut is_changed = false;
-            for edge in all {
-                let Some(quad) = self.quad(edge) else { continue };
-                let Quad { ends: [p, q], tips: [left, right], .. } = quad;
-                let before = self.height([p, q, left]).min(self.height([q, p, right]));
-                let after = self.height([left, right, q]).min(self.height([right, left, p]));
-                if before * 1.01 < after && self.is_convex(&quad) {
-                    self.flip(&quad);
-                    is_changed = true;
-                }
-            }
-            if !is_changed {
-                return;
+    /// Flips edges, except those in the sorted list `fixed`, until no triangle has the tip of its neighbor in its circumcircle.
+    fn make_delaunay(&mut self, fixed: &[[u32; 2]]) {
+        let is_free = |[p, q]: [u32; 2]| fixed.binary_search(&[p.min(q), p.max(q)]).is_err();
+        let mut open: Vec<[u32; 2]> = self.sides.keys().copied().filter(|[p, q]| p < q).collect();
+        while let Some(edge) = open.pop() {
+            let Some(quad) = self.quad(edge).filter(|_| is_free(edge)) else { continue };
+            let Quad { ends: [p, q], tips: [left, right], .. } = quad;
+            let is_flipped = match self.points.in_circle([p, q, left, right], self.axes) {
+                Ordering::Less => false,
+                Ordering::Greater => true,
+                // Of four points on a circle, the edge begins at the one with the lowest number.
+                Ordering::Equal => left.min(right) < p.min(q),
+            };
+            if is_flipped && self.is_convex(&quad) {
+                self.flip(&quad);
+                open.extend([[p, left], [left, q], [q, right], [right, p]]);
             }
         }
-    }
-
-    /// Returns the height of a triangle over its longest edge in the projection, divided by that edge's length.
-    fn height(&self, corners: [u32; 3]) -> f64 {
-        let places = corners.map(|it| self.axes.map(|axis| self.points.rounded(it)[axis]));
-        let [u, v, w] = [[0, 1], [1, 2], [2, 0]]
-            .map(|[a, b]: [usize; 2]| [0, 1].map(|k| places[b][k] - places[a][k]));
-        let longest = [u, v, w].iter().map(|e| e[0] * e[0] + e[1] * e[1]).fold(0.0, f64::max);
-        if longest > 0.0 { (u[0] * v[1] - u[1] * v[0]).abs() / longest } else { 0.0 }
     }
 }
 
 fn edges([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
     [[a, b], [b, c], [c, a]]
-}
-
-/// Rotates the corners of a triangle such that it begins with its edge `side`.
-fn rotate([a, b, c]: [u32; 3], side: usize) -> [u32; 3] {
-    [[a, b, c], [b, c, a], [c, a, b]][side]
 }

@@ -70,6 +70,21 @@ pub(super) fn overlaps(predicates: &Predicates<'_>, edge: [u32; 2], triangle: Co
     })
 }
 
+/// Returns true if the line through an edge separates the projections of two triangles, which then have at most corners in common.
+pub(super) fn are_apart(predicates: &Predicates<'_>, a: Corners, b: Corners) -> bool {
+    [(a, b), (b, a)].into_iter().any(|(own, other)| {
+        Plane::of(predicates, own).is_some_and(|plane| {
+            let is_counter_clockwise = 0.0 < plane.side(predicates, own);
+            edges_of(own).into_iter().any(|[p, q]| {
+                other.iter().filter(|corner| !own.contains(corner)).all(|&corner| {
+                    let side = plane.side(predicates, [p, q, corner]);
+                    if is_counter_clockwise { side < 0.0 } else { 0.0 < side }
+                })
+            })
+        })
+    })
+}
+
 /// A plane onto which points are projected along a coordinate axis.
 #[derive(Clone, Copy)]
 struct Plane {
@@ -101,7 +116,7 @@ impl Plane {
         }
         let [a, b, c] = [a, b, c].map(|vertex| self.coord(predicates, vertex));
         let area = orient2d(a, b, c);
-        let length = libm::hypot(b.x - a.x, b.y - a.y);
+        let length = (b.x - a.x).abs() + (b.y - a.y).abs();
         if area.abs() <= predicates.tolerance * length { 0.0 } else { area }
     }
 
