@@ -186,11 +186,9 @@ fn divide(triangle: &GridTriangle, mut lines: Vec<[u32; 2]>, points: &mut Points
     lines.dedup();
     let mut all: BTreeSet<u32> = lines.as_flattened().iter().copied().collect();
     let boxes: Vec<_> = lines.iter().map(|it| points.bounds(*it, axes)).collect();
-    for k in 0..lines.len() {
-        for l in 0..k {
-            if boxes[k].overlaps(&boxes[l]) && cross(lines[k], lines[l], axes, points) {
-                all.insert(points.add_crossing([lines[k], lines[l]], &triangle.plane));
-            }
+    for [k, l] in (0..lines.len()).flat_map(|k| (0..k).map(move |l| [k, l])) {
+        if boxes[k].overlaps(&boxes[l]) && cross(lines[k], lines[l], axes, points) {
+            all.insert(points.add_crossing([lines[k], lines[l]], &triangle.plane));
         }
     }
     let mut sides = BTreeSet::new();

@@ -73,13 +73,14 @@ pub(super) fn overlaps(predicates: &Predicates<'_>, edge: [u32; 2], triangle: Co
 /// Returns true if the line through an edge separates the projections of two triangles, which then have at most corners in common.
 pub(super) fn are_apart(predicates: &Predicates<'_>, a: Corners, b: Corners) -> bool {
     [(a, b), (b, a)].into_iter().any(|(own, other)| {
-        Plane::of(predicates, own).is_some_and(|plane| {
-            let is_counter_clockwise = 0.0 < plane.side(predicates, own);
-            edges_of(own).into_iter().any(|[p, q]| {
-                other.iter().filter(|corner| !own.contains(corner)).all(|&corner| {
-                    let side = plane.side(predicates, [p, q, corner]);
-                    if is_counter_clockwise { side < 0.0 } else { 0.0 < side }
-                })
+        let Some(plane) = Plane::of(predicates, own) else { return false };
+        // The edges at a common corner come first: one of them separates most neighbors.
+        let common = own.iter().position(|corner| other.contains(corner)).unwrap_or(0);
+        let [p, q, r] = [0, 1, 2].map(|k| own[(common + k) % 3]);
+        [[p, q], [r, p], [q, r]].into_iter().any(|[p, q]| {
+            other.iter().filter(|corner| !own.contains(corner)).all(|&corner| {
+                let side = plane.side(predicates, [p, q, corner]);
+                if plane.is_counter_clockwise { side < 0.0 } else { 0.0 < side }
             })
         })
     })
@@ -89,6 +90,8 @@ pub(super) fn are_apart(predicates: &Predicates<'_>, a: Corners, b: Corners) -> 
 #[derive(Clone, Copy)]
 struct Plane {
     axes: [usize; 2],
+    /// True if the triangle that defines the plane is counter-clockwise in the projection.
+    is_counter_clockwise: bool,
 }
 
 impl Plane {
@@ -98,10 +101,12 @@ impl Plane {
         let normal: Vector3<f64> = (b - a).cross(&(c - a));
         let axis = normal.iamax();
         // If rounding hides which projection has an area, try all.
-        [axis, (axis + 1) % 3, (axis + 2) % 3]
-            .into_iter()
-            .map(|axis| Self { axes: [(axis + 1) % 3, (axis + 2) % 3] })
-            .find(|plane| plane.side(predicates, triangle) != 0.0)
+        [axis, (axis + 1) % 3, (axis + 2) % 3].into_iter().find_map(|axis| {
+            let axes = [(axis + 1) % 3, (axis + 2) % 3];
+            let plane = Self { axes, is_counter_clockwise: true };
+            let side = plane.side(predicates, triangle);
+            (side != 0.0).then_some(Self { is_counter_clockwise: 0.0 < side, ..plane })
+        })
     }
 
     fn coord(self, predicates: &Predicates<'_>, vertex: u32) -> Coord<f64> {
