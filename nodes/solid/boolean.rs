@@ -16,12 +16,16 @@ use crate::operation::Operation;
 /// dropped. A solid without a capture, such as a `Primitive`, is used in its own coordinates: the result has the camera and the axes of
 /// `mesh`.
 ///
+/// Parts of one solid that overlap or lie in each other, both facing outward, are united first; this needs no other solid, so `with` may be
+/// empty. A part that is inside out is an error. Where faces of two solids coincide, as those of a half and its mirror image do, a slower
+/// exact method decides (Zhou, Grinspun, Zorin and Jacobson, "Mesh arrangements for solid geometry", 2016).
+///
 /// In other programs: CSG, union, difference, subtract.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Boolean {
     /// The first solid.
     pub mesh: In<Mesh>,
-    /// The other solids, applied in order.
+    /// The other solids, applied in order. If there are none, what `mesh` encloses more than once is united.
     pub with: Vec<In<Mesh>>,
     /// The operation: union, difference or intersection.
     #[serde(default)]

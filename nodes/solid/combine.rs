@@ -4,21 +4,33 @@
 //! for meshes in its own data structure (`just peers union`). `boolmesh`, the only Rust library for Boolean operations on meshes, is a port
 //! of Manifold under the MPL. It took 379 ms, merges vertices and coplanar faces far from the cut, and does not support named attributes.
 
+use std::borrow::Cow;
+
+use arrangement::arrange;
 use cut::Cut;
+use films::has_film;
 use intersections::{NoInsideError, Pair};
 use maquette_mesh::{Poses, merge};
 use maquette_node::{Error, Progress, bail};
 use maquette_value::{Mesh, MeshError, TriangleTree};
+use parts::Defect;
 use weld::weld;
 
 use crate::operation::Operation;
 use crate::transfer_attributes::transfer_attributes;
 use crate::volume::volume;
 
+mod arrangement;
+mod assembly;
 mod cut;
 mod exact;
+mod films;
 mod intersections;
+mod parts;
+mod rays;
 mod weld;
+
+pub(crate) use parts::{Parts, winding_number};
 
 /// Applies an [`Operation`] to `mesh` and each of `others`, in order.
 ///
@@ -28,6 +40,9 @@ mod weld;
 /// intersect in closed lines. The kept part of a cut triangle is triangulated with all of its corners and intersection points, so adjacent
 /// triangles match without stitching. Only the positions of intersection points are rounded: faces beside the cut may be thin, or overlap
 /// by about 1e-9 of the size. The cost is O(n log n), plus, for each cut face, a term quadratic in the number of its pieces.
+///
+/// If a solid consists of several parts that overlap or lie in each other, they are united first. If the perturbed surfaces do not bound a
+/// solid, as with coinciding faces of opposite orientation, the exact arrangement of all triangles decides instead.
 ///
 /// # Errors
 /// Returns an error if a mesh is not a solid, the result is too large, or the evaluation is cancelled.
@@ -57,13 +72,26 @@ pub fn boolean(
             bail!("{} is inside out; use `Orient` to turn it outward", name(number, others));
         }
     }
-    let mut made = mesh.clone();
-    for (number, other) in others.iter().enumerate() {
-        let [from, to] = [number, number + 1].map(|it| it as f64 / others.len() as f64);
+    let mut solids = Vec::new();
+    for (number, mesh) in [mesh].iter().chain(others).enumerate() {
+        let [from, to] =
+            [number, number + 1].map(|it| 0.05 * it as f64 / (others.len() + 1) as f64);
+        let solid = progress
+            .part(from..to, |progress| with_united_parts(mesh, progress))
+            .map_err(|error| Error::new(format!("{}: {error}", name(number, others))))?;
+        solids.push(solid);
+    }
+    let mut made = solids[0].clone().into_owned();
+    if others.is_empty() && !made.crossings(|| progress.check())?.is_empty() {
+        made = progress.part(0.05..1.0, |progress| unite(&made, progress))?;
+    }
+    for (number, other) in solids[1..].iter().enumerate() {
+        let [from, to] =
+            [number, number + 1].map(|it| 0.05 + 0.95 * it as f64 / others.len() as f64);
         let of_two = progress.part(from..to, |progress| of_two(&made, other, how, progress));
         made = of_two.map_err(|error| match error.downcast() {
             Some(&NoInsideError { solid, at }) => Error::new(format!(
-                "{} intersects itself, or one of its parts is inside of another one: it has no inside near ({:.3}, {:.3}, {:.3}); use `Reconstruct` to make one surface of it",
+                "{} intersects itself: it has no inside near ({:.3}, {:.3}, {:.3}); use `Solid(base: Keep, repair: Voxels())` to repair it",
                 name(if solid == 0 { 0 } else { number + 1 }, others),
                 at.x,
                 at.y,
@@ -76,6 +104,29 @@ pub fn boolean(
     let frames = others.iter().filter_map(|other| other.frame());
     let same_axes = frames.into_iter().all(|frame| Some(frame) == mesh.frame());
     Ok(if same_axes { made.with_frame(mesh.frame().copied()) } else { made })
+}
+
+/// Unites the parts of a mesh that overlap or lie in each other. Crossings inside of one part are not looked for.
+fn with_united_parts<'a>(mesh: &'a Mesh, progress: &Progress<'_>) -> Result<Cow<'a, Mesh>, Error> {
+    let parts = Parts::new(mesh);
+    let bad = match parts.crossing(progress)? {
+        Some(bad) => Some(bad),
+        None => parts.misplaced(progress)?,
+    };
+    match bad {
+        None => Ok(Cow::Borrowed(mesh)),
+        Some(bad) if bad.defect == Defect::InsideOut => bail!("{}", bad.describe()),
+        Some(_) => Ok(Cow::Owned(unite(mesh, progress)?)),
+    }
+}
+
+/// Returns the surface of the volume inside of a closed mesh, which may cross itself: of all places with a positive winding number. Faces
+/// away from the crossings stay as they are.
+///
+/// # Errors
+/// Returns an error if the mesh is not closed, rounding makes the result cross itself, or the evaluation is cancelled.
+pub(crate) fn unite(mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, Error> {
+    arrange(mesh, &[0], |windings| 0 < windings[0], progress)
 }
 
 /// Transfers to the mesh `to` the attributes that `from` has and `to` lacks.
@@ -105,7 +156,7 @@ fn of_two(
         [&with_missing_attributes(second, first)?, &with_missing_attributes(first, second)?];
     let both = merge(&[first, second], Poses::Ignore)?;
     let counts = (first.positions().len(), first.faces().len());
-    let made = |grows: bool, progress: &Progress<'_>| -> Result<Mesh, Error> {
+    let perturbed = |grows: bool, progress: &Progress<'_>| -> Result<Perturbed, Error> {
         let pair = Pair::new(&both, counts, grows);
         let meet = progress.part(0.0..0.5, |progress| pair.meet(progress))?;
         let inside = pair.find_inside(&meet)?;
@@ -113,24 +164,42 @@ fn of_two(
         let mut cut = Cut::new(&pair, &meet, &inside, how);
         weld(&mut cut);
         progress.tick(0.9)?;
-        Ok(cut.mesh()?)
+        Ok(Perturbed { has_film: has_film(&cut), mesh: cut.mesh()? })
     };
     // The second solid grows or shrinks by an infinitesimal amount. This decides the result where faces of both solids are coplanar. A
     // solid that touches itself may intersect itself after this growth; then a second attempt exchanges growing and shrinking.
     let grows = how != Operation::Intersection;
-    match progress.part(0.0..0.9, |progress| made(grows, progress)) {
-        Err(error) if has_no_inside(&error) => {
-            match progress.part(0.9..1.0, |progress| made(!grows, progress)) {
-                Err(other) if has_no_inside(&other) => Err(error),
-                made => made,
-            }
-        }
-        made => made,
+    let mut found = progress.part(0.0..0.8, |progress| perturbed(grows, progress));
+    progress.check()?;
+    if found.as_ref().is_err_and(|error| error.downcast::<NoInsideError>().is_some())
+        && let Ok(other) = progress.part(0.8..0.9, |progress| perturbed(!grows, progress))
+    {
+        found = Ok(other);
+    }
+    progress.check()?;
+    if let Ok(Perturbed { mesh, has_film: false }) = found {
+        return Ok(mesh);
+    }
+    // Faces that coincide, and solids that cross themselves, need the slower exact arrangement.
+    let first_faces = [0, first.faces().len()];
+    let arranged = progress.part(0.9..1.0, |progress| {
+        arrange(&both, &first_faces, |windings| how.contains(windings), progress)
+    });
+    progress.check()?;
+    match (arranged, found) {
+        (Ok(mesh), _) | (Err(_), Ok(Perturbed { mesh, .. })) => Ok(mesh),
+        (Err(_), Err(error)) if error.downcast::<NoInsideError>().is_some() => Err(error),
+        (Err(why), Err(_)) => bail!(
+            "the solids touch in a way that cannot be resolved: {why}; move one of them slightly"
+        ),
     }
 }
 
-fn has_no_inside(error: &Error) -> bool {
-    error.downcast::<NoInsideError>().is_some()
+/// The result for perturbed solids.
+struct Perturbed {
+    mesh: Mesh,
+    /// True if faces of both solids lie on each other in the result.
+    has_film: bool,
 }
 
 #[cfg(test)]

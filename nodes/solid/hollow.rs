@@ -13,7 +13,7 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::combine::boolean;
+use crate::combine::{Parts, boolean};
 use crate::contour::Contour;
 use crate::operation::Operation;
 use crate::transfer_attributes::transfer_attributes;
@@ -27,7 +27,8 @@ mod walls;
 /// The outer surface does not change. The surface of the cavity is made on a grid, so that it never intersects itself. Where the solid is
 /// too thin, it stays filled; where it is just thick enough, thin sheets may separate two cavities. A cavity smaller than a cube of half
 /// the wall's thickness is filled. The cavity gets the attributes of the nearest point of the outer surface. A cavity without an opening
-/// keeps its resin or powder: `outlets` are drilled through the wall.
+/// keeps its resin or powder: `outlets` are drilled through the wall. Parts that overlap, or lie in each other and both face outward, are an
+/// error, which names the part.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Hollow {
     /// The solid.
@@ -165,14 +166,20 @@ pub fn hollow(
     }
     let crossing = progress.part(0.0..0.1, |progress| mesh.crossings(|| progress.check()))?;
     if let Some([first, second]) = crossing.first() {
+        if let Some(part) = Parts::new(mesh).crossing(progress)? {
+            bail!("{}", part.describe());
+        }
         bail!(
-            "the mesh intersects itself: {} pairs of faces cross, such as {first} and {second}; use `Reconstruct` to make one surface of it",
+            "the mesh intersects itself: {} pairs of faces cross, such as {first} and {second}; use `Solid(base: Keep, repair: Voxels())` to repair it",
             crossing.len()
         );
     }
     let Some((low, high)) = mesh.bounds() else { return Ok(mesh.clone()) };
     if volume(mesh, low) < 0.0 {
         bail!("the mesh is inside out; use `Orient` to turn it outward");
+    }
+    if let Some(part) = Parts::new(mesh).misplaced(progress)? {
+        bail!("{}", part.describe());
     }
     let tree = TriangleTree::new(mesh);
     let counts = depth::counts([low, high], spacing)?;

@@ -11,6 +11,7 @@ mod hollow;
 mod offset;
 mod operation;
 mod polygons;
+mod repair;
 mod shell;
 mod solid;
 mod thicken;
@@ -22,7 +23,7 @@ pub use combine::boolean;
 pub use hollow::{Hollow, Outlet, hollow};
 pub use operation::Operation;
 pub use shell::{Shell, Side, shell};
-pub use solid::{Base, Holes, Solid, SolidMesh, solid};
+pub use solid::{Base, Holes, Repair, Solid, SolidMesh, solid};
 
 /// Nodes that make solids, which can be printed.
 pub static PACK: Pack = Pack {

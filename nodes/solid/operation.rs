@@ -24,4 +24,14 @@ impl Operation {
             (Self::Intersection, _) | (Self::Difference, _) => true,
         }
     }
+
+    /// Returns true if a place is inside of the result. `windings` has the winding number of each solid there.
+    pub(crate) fn contains(self, windings: &[i32]) -> bool {
+        let mut inside = windings.iter().map(|it| 0 < *it);
+        match self {
+            Self::Union => inside.any(|it| it),
+            Self::Intersection => inside.all(|it| it),
+            Self::Difference => inside.next() == Some(true) && !inside.any(|it| it),
+        }
+    }
 }

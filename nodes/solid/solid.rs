@@ -3,11 +3,13 @@
 use maquette_fill::{FillMethod, HoleChoice, fill_holes};
 use maquette_mesh::{Outside, orient};
 use maquette_node::{Carry, Context, Error, In, Node, Progress, Promise, Transfer, Want, bail};
-use maquette_value::Mesh;
+use maquette_value::{Bounds, Mesh};
+use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::base::{Ground, visible_part, with_base};
+use crate::repair::{self, Repaired};
 use crate::thicken::{still_thin, thicken};
 
 /// Makes a solid of a surface: a front side gets walls and a flat base, and a nearly closed surface is closed.
@@ -26,6 +28,28 @@ pub struct Solid {
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub thickness: f64,
+    /// Treatment of faces that cross each other.
+    #[serde(default)]
+    pub repair: Repair,
+}
+
+/// Treatment of a solid whose faces cross each other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub enum Repair {
+    /// Faces that cross are an error.
+    #[default]
+    None,
+    /// What is enclosed more than once is united: the result is the surface of all places with a positive winding number. Faces are divided
+    /// exactly along their crossings, and nothing moves, as in Zhou, Grinspun, Zorin and Jacobson, "Mesh arrangements for solid geometry"
+    /// (2016). Only if rounding makes that impossible, the whole surface is rebuilt from voxels, by its distance signed by the winding
+    /// number (Jacobson, Kavan and Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers", 2013). A
+    /// warning names the place, and how far the surface moved.
+    Voxels {
+        /// Edge length of the voxels in mm; 0 means the mean edge length, but at least 1/200 of the extent.
+        #[schemars(range(min = 0.0), extend("unit" = "mm"))]
+        #[serde(default)]
+        size: f64,
+    },
 }
 
 /// The base of a solid.
@@ -97,8 +121,11 @@ impl Node for Solid {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
-        let SolidMesh { mesh, unseen, thin } =
-            solid(mesh, &self.base, self.thickness, cx.progress())?;
+        let SolidMesh { mesh, unseen, thin, repaired } =
+            solid(mesh, &self.base, self.thickness, self.repair, cx.progress())?;
+        if let Some(repaired) = repaired {
+            cx.warn(repaired);
+        }
         if unseen > 0 {
             let faces = if unseen == 1 { "face is" } else { "faces are" };
             cx.warn(format!("{unseen} {faces} left out: they look away from the sensor, or are connected by a single vertex where such a face was"));
@@ -119,6 +146,8 @@ pub struct SolidMesh {
     pub unseen: usize,
     /// The number of faces at which the wall is thinner than requested.
     pub thin: usize,
+    /// A description of the repair of faces that crossed each other.
+    pub repaired: Option<String>,
 }
 
 /// Makes a solid of a surface, see [`Solid`]; its walls have at least the thickness `thickness` in mm.
@@ -129,6 +158,7 @@ pub fn solid(
     mesh: &Mesh,
     base: &Base,
     thickness: f64,
+    repair: Repair,
     progress: &Progress<'_>,
 ) -> Result<SolidMesh, Error> {
     if !(0.0 <= thickness && thickness.is_finite()) {
@@ -156,23 +186,58 @@ pub fn solid(
         }
         Base::Keep => (progress.part(0.0..0.5, |progress| close(mesh, progress))?, 0, None),
     };
-    let crossing = progress.part(0.5..0.6, |progress| solid.crossings(|| progress.check()))?;
-    if let Some(&[face, _]) = crossing.first() {
-        let at = solid.first_triangle_center(solid.faces().face(face as usize));
-        bail!(
-            "the solid would intersect itself: {} pairs of faces cross, the first one at ({:.3}, {:.3}, {:.3}); use `Reconstruct` to make one surface of the data",
-            crossing.len(),
-            at.x,
-            at.y,
-            at.z
-        );
-    }
+    let crossing = progress.part(0.5..0.55, |progress| solid.crossings(|| progress.check()))?;
+    let (solid, repaired) = match (crossing.is_empty(), repair) {
+        (true, _) => (solid, None),
+        (false, Repair::None) => {
+            let at = center(&solid, crossing[0][0]);
+            bail!(
+                "the solid would intersect itself: {} pairs of faces cross, the first one at ({:.3}, {:.3}, {:.3}); use `repair: Voxels()` to unite what crosses, or `Reconstruct` to make one surface of the data",
+                crossing.len(),
+                at.x,
+                at.y,
+                at.z
+            )
+        }
+        (false, Repair::Voxels { size }) => {
+            let repaired =
+                progress.part(0.55..0.6, |progress| repair::repair(&solid, size, progress))?;
+            let report = describe_repair(&solid, &crossing, &repaired);
+            (repaired.mesh, Some(report))
+        }
+    };
     if thickness == 0.0 {
-        return Ok(SolidMesh { mesh: solid, unseen, thin: 0 });
+        return Ok(SolidMesh { mesh: solid, unseen, thin: 0, repaired });
     }
     let (mesh, thin) =
         progress.part(0.6..1.0, |progress| thicken(&solid, thickness, floor, progress))?;
-    Ok(SolidMesh { mesh, unseen, thin })
+    Ok(SolidMesh { mesh, unseen, thin, repaired })
+}
+
+fn center(mesh: &Mesh, face: u32) -> Point3<f64> {
+    mesh.first_triangle_center(mesh.faces().face(face as usize))
+}
+
+/// Returns a warning that tells where faces crossed, and how far the repaired surface is from the old one.
+fn describe_repair(solid: &Mesh, crossing: &[[u32; 2]], repaired: &Repaired) -> String {
+    let places: Vec<_> = crossing.as_flattened().iter().map(|&it| center(solid, it)).collect();
+    let Bounds { low, high } = Bounds::from_points(&places);
+    let how = match repaired.voxels {
+        None => "what they enclosed twice is united".to_owned(),
+        Some(size) => format!("the whole surface is rebuilt from voxels of {size:.3} mm"),
+    };
+    format!(
+        "{} pairs of faces crossed between ({:.3}, {:.3}, {:.3}) and ({:.3}, {:.3}, {:.3}): {how}; the surface moved by at most {:.2e} mm, RMS {:.2e} mm",
+        crossing.len(),
+        low.x,
+        low.y,
+        low.z,
+        high.x,
+        high.y,
+        high.z,
+        repaired.largest,
+        repaired.rms
+    )
 }
 
 /// Returns the mesh with its holes filled and all faces oriented outward.
@@ -190,7 +255,7 @@ fn close(mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, Error> {
 #[cfg(test)]
 mod tests {
     use maquette_value::{Attribute, CaptureFrame, Faces};
-    use nalgebra::{Point3, Vector3};
+    use nalgebra::Vector3;
 
     use super::*;
 
@@ -205,7 +270,7 @@ mod tests {
 
     fn flat_base(mesh: &Mesh, behind: f64, up: Option<[f64; 3]>) -> Result<Mesh, Error> {
         let base = Base::Flat { behind, up, holes: Holes::Through };
-        Ok(solid(mesh, &base, 0.0, &Progress::silent())?.mesh)
+        Ok(solid(mesh, &base, 0.0, Repair::None, &Progress::silent())?.mesh)
     }
 
     fn volume(mesh: &Mesh) -> f64 {
@@ -236,7 +301,10 @@ mod tests {
         let relief = net(|_, _| 0.0, &[40, 41, 20]);
         check(&flat_base(&relief, 2.0, None).unwrap(), 61.0 * 2.0);
         let base = Base::Flat { behind: 2.0, up: None, holes: Holes::Fill };
-        check(&solid(&relief, &base, 0.0, &Progress::silent()).unwrap().mesh, 64.0 * 2.0);
+        check(
+            &solid(&relief, &base, 0.0, Repair::None, &Progress::silent()).unwrap().mesh,
+            64.0 * 2.0,
+        );
     }
 
     #[test]
@@ -248,7 +316,8 @@ mod tests {
         let mut moved = seen.positions().to_vec();
         moved[40] += Vector3::new(2.5, 0.2, 0.1);
         let folded = seen.with_positions(moved).unwrap().with_frame(Some(frame));
-        let found = solid(&folded, &Base::default(), 0.0, &Progress::silent()).unwrap();
+        let found =
+            solid(&folded, &Base::default(), 0.0, Repair::None, &Progress::silent()).unwrap();
         let SolidMesh { mesh: found, unseen, .. } = found;
         assert!((1..10).contains(&unseen), "{unseen}");
         let edges = found.edges();
@@ -295,7 +364,9 @@ mod tests {
         let faces =
             (0..whole.faces().len() as u32).filter(|k| !(60..66).contains(k)).collect::<Vec<_>>();
         let found =
-            solid(&whole.select(&faces), &Base::Keep, 0.0, &Progress::silent()).unwrap().mesh;
+            solid(&whole.select(&faces), &Base::Keep, 0.0, Repair::None, &Progress::silent())
+                .unwrap()
+                .mesh;
         let edges = found.edges();
         assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
         assert!((volume(&found) - volume(&whole)).abs() < 0.02 * volume(&whole));
@@ -305,8 +376,8 @@ mod tests {
     fn thin_walls_become_as_thick_as_asked_above_their_base() {
         let relief = net(|x, _| if x < 0.0 { 0.2 } else { 3.0 }, &[]);
         let base = Base::Flat { behind: 0.1, up: Some([0., 0., 1.]), holes: Holes::Fill };
-        let thin = solid(&relief, &base, 0.0, &Progress::silent()).unwrap().mesh;
-        let found = solid(&relief, &base, 1.2, &Progress::silent()).unwrap();
+        let thin = solid(&relief, &base, 0.0, Repair::None, &Progress::silent()).unwrap().mesh;
+        let found = solid(&relief, &base, 1.2, Repair::None, &Progress::silent()).unwrap();
         assert_eq!(found.thin, 0);
         let edges = found.mesh.edges();
         assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
@@ -340,13 +411,16 @@ mod tests {
         let both = maquette_mesh::merge(&[&relief, &above], maquette_mesh::Poses::Ignore).unwrap();
         let text = error(flat_base(&both, 2.0, None));
         assert!(text.starts_with("the solid would intersect itself: "), "{text}");
-        let text = error(solid(&relief, &Base::Keep, -1.0, &Progress::silent()).map(|it| it.mesh));
+        assert!(text.contains("use `repair: Voxels()`"), "{text}");
+        let text = error(
+            solid(&relief, &Base::Keep, -1.0, Repair::None, &Progress::silent()).map(|it| it.mesh),
+        );
         assert_eq!(text, "`thickness` is -1, but must be a number from 0 on");
         let text = error(flat_base(&relief, 2.0, Some([0.; 3])));
         assert_eq!(text, "`up` is (0, 0, 0), but a direction must not be zero");
         let text = error(flat_base(&relief, 2.0, Some([0., 0., -1.])));
         assert!(text.starts_with("128 of 128 faces look away from `up`, most"), "{text}");
-        let kept = solid(&relief, &Base::Keep, 0.0, &Progress::silent());
+        let kept = solid(&relief, &Base::Keep, 0.0, Repair::None, &Progress::silent());
         let text = error(kept.map(|solid| solid.mesh));
         assert!(text.starts_with("32 edges of the mesh are still open"), "{text}");
         let one = Mesh::new(
@@ -354,5 +428,23 @@ mod tests {
             Faces::triangles(vec![[0, 1, 2]]),
         );
         check(&flat_base(&one.unwrap(), 3.0, None).unwrap(), 1.5);
+    }
+
+    #[test]
+    fn what_crosses_is_united_if_asked() {
+        let relief = net(|_, _| 0.0, &[]);
+        let above = relief
+            .with_positions(
+                relief.positions().iter().map(|at| at + Vector3::new(1.3, 0.7, 2.0)).collect(),
+            )
+            .unwrap();
+        let both = maquette_mesh::merge(&[&relief, &above], maquette_mesh::Poses::Ignore).unwrap();
+        let base = Base::Flat { behind: 2.0, up: None, holes: Holes::Through };
+        let repair = Repair::Voxels { size: 0.0 };
+        let found = solid(&both, &base, 0.0, repair, &Progress::silent()).unwrap();
+        // Two blocks of 2 and 4 mm, and what they have in common.
+        check(&found.mesh, 64.0 * 2.0 + 64.0 * 4.0 - 6.7 * 7.3 * 2.0);
+        let text = found.repaired.unwrap();
+        assert!(text.contains("is united; the surface moved by at most"), "{text}");
     }
 }

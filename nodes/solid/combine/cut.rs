@@ -2,12 +2,11 @@
 
 use std::collections::BTreeSet;
 
-use maquette_base::linear::attribute_transfer::AttributeTransfer;
-use maquette_base::linear::stencils::Stencils;
 use maquette_base::topology::lists::Lists;
-use maquette_value::{Faces, Mesh, MeshError};
-use nalgebra::{Point3, Vector3, center};
+use maquette_value::{Mesh, MeshError};
+use nalgebra::{Point3, center};
 
+use super::assembly::{CornerOrigin, NewFaces, NewVertices, assemble};
 use super::intersections::{Meet, Meeting, Pair};
 use crate::operation::Operation;
 use crate::polygons::{loops, project_to_plane, triangulate};
@@ -126,6 +125,11 @@ impl<'a> Cut<'a> {
         self.meet.meetings.len()
     }
 
+    /// Returns the solid, 0 or 1, to which a triangle belongs.
+    pub(super) fn solid_of(&self, triangle: u32) -> usize {
+        self.pair.solid_of(self.pair.triangles[triangle as usize].vertices[0])
+    }
+
     /// Returns the distance in mm below which two points count as one.
     pub(super) fn tolerance(&self) -> f64 {
         self.pair.tolerance
@@ -199,76 +203,51 @@ impl<'a> Cut<'a> {
     /// Builds the mesh of all parts that the result keeps.
     pub(super) fn mesh(&self) -> Result<Mesh, MeshError> {
         let of = self.pair.mesh;
-        let count =
-            self.first_new_vertex() as usize + self.meet.meetings.len() + self.halfway.len();
-        let mut sides = Vec::with_capacity(self.whole.len() + self.pieces.len());
-        let mut faces = Vec::with_capacity(sides.capacity());
-        // For each corner: its vertex, and the source of its attributes. `Ok` is a corner of a solid, to copy from; `Err` is a triangle of
-        // a solid, to interpolate in.
-        let mut corners: Vec<(u32, Result<u32, u32>)> = Vec::new();
+        let mut made = NewFaces::default();
         for &(face, is_turned) in &self.whole {
             let vertices = of.faces().face(face as usize);
             let numbers = of.faces().first_corner(face as usize) as u32..;
-            let first = corners.len();
-            corners.extend(vertices.iter().zip(numbers).map(|(&it, corner)| (it, Ok(corner))));
+            let first = made.corners.len();
+            made.corners.extend(
+                vertices
+                    .iter()
+                    .zip(numbers)
+                    .map(|(&it, corner)| (it, CornerOrigin::Corner(corner))),
+            );
             if is_turned {
-                corners[first + 1..].reverse();
+                made.corners[first + 1..].reverse();
             }
-            sides.push(vertices.len());
-            faces.push(face);
+            made.sides.push(vertices.len());
+            made.faces.push(face);
         }
         for piece in &self.pieces {
             let own = &self.pair.triangles[piece.triangle as usize];
-            corners.extend(piece.vertices.map(|vertex| {
+            made.corners.extend(piece.vertices.map(|vertex| {
                 let corner = own.vertices.iter().position(|it| *it == vertex);
-                (vertex, corner.map(|k| own.corners[k]).ok_or(piece.triangle))
+                let interpolated = CornerOrigin::Triangle(piece.triangle);
+                (vertex, corner.map_or(interpolated, |k| CornerOrigin::Corner(own.corners[k])))
             }));
-            sides.push(3);
-            faces.push(own.face);
+            made.sides.push(3);
+            made.faces.push(own.face);
         }
-        // Number the used vertices in their old order, without gaps.
-        let mut places = vec![u32::MAX; count];
-        corners.iter().for_each(|corner| places[corner.0 as usize] = 0);
-        let kept: Vec<_> = (0..count as u32).filter(|&it| places[it as usize] == 0).collect();
-        (0..).zip(&kept).for_each(|(place, &vertex)| places[vertex as usize] = place);
-        let numbers = corners.iter().map(|corner| places[corner.0 as usize]).collect();
-        let positions: Vec<_> = kept.iter().map(|&vertex| self.position(vertex)).collect();
-        let mut mesh = Mesh::new(positions, Faces::polygons(&sides, numbers)?)?
-            .with_creases(self.creases(&places))?
-            .with_materials(of.materials().clone())
-            .with_frame(of.frame().copied());
-        fn is_kept(name: &str) -> bool {
-            name != "normal"
-        }
-        if of.vertex().iter().any(|(name, _)| is_kept(name)) {
-            let mixed = rows(kept.iter(), |&vertex, row| self.shares(vertex, 1.0, row));
-            for (name, attribute) in of.vertex().iter().filter(|it| is_kept(it.0)) {
-                mesh = mesh.with_vertex(name, mixed.attribute(attribute))?;
-            }
-        }
-        if of.corner().iter().any(|(name, _)| is_kept(name)) {
-            let mixed = rows(corners.iter(), |&(vertex, on), row| match on {
-                Ok(corner) => row.push((corner, 1.0)),
-                Err(triangle) => {
-                    let own = &self.pair.triangles[triangle as usize];
-                    let places = own.vertices.map(|it| self.position(it));
-                    row.extend(
-                        own.corners.into_iter().zip(barycentric(places, self.position(vertex))),
-                    );
-                }
-            });
-            for (name, attribute) in of.corner().iter().filter(|it| is_kept(it.0)) {
-                mesh = mesh.with_corner(name, mixed.attribute(attribute))?;
-            }
-        }
-        for (name, attribute) in of.face().iter() {
-            mesh = mesh.with_face(name, attribute.select(&faces))?;
-        }
-        Ok(mesh)
+        assemble(of, &self.pair.triangles, self, made)
+    }
+}
+
+impl NewVertices for Cut<'_> {
+    fn count(&self) -> usize {
+        self.first_new_vertex() as usize + self.meetings() + self.halfway.len()
     }
 
-    /// Returns the creases of both solids whose edges remain in the result. `places` maps each vertex to its index in the result, or
-    /// `u32::MAX`.
+    fn position(&self, vertex: u32) -> Point3<f64> {
+        self.position(vertex)
+    }
+
+    fn add_shares(&self, vertex: u32, shares: &mut Vec<(u32, f64)>) {
+        self.shares(vertex, 1.0, shares);
+    }
+
+    /// Returns the creases of both solids whose edges remain in the result.
     fn creases(&self, places: &[u32]) -> Vec<([u32; 2], f64)> {
         let parts = self.pair.mesh.creases().flat_map(|(edge, sharpness)| {
             self.remaining_parts(edge).into_iter().map(move |ends| (ends, sharpness))
@@ -283,30 +262,4 @@ enum Origin<'a> {
     Vertex(usize),
     Meeting(&'a Meeting),
     Halfway([u32; 2]),
-}
-
-/// Returns interpolation weights with one row for each item; `of` fills a row with pairs of an index and its weight.
-fn rows<T>(items: impl Iterator<Item = T>, of: impl Fn(T, &mut Vec<(u32, f64)>)) -> Stencils {
-    let (mut starts, mut indices, mut weights) = (vec![0], Vec::new(), Vec::new());
-    let mut row = Vec::new();
-    for item in items {
-        of(item, &mut row);
-        for (index, weight) in row.drain(..) {
-            indices.push(index);
-            weights.push(weight);
-        }
-        starts.push(indices.len() as u32);
-    }
-    Stencils::from_parts(starts, indices, weights)
-}
-
-/// Returns the barycentric coordinates of a point in a triangle.
-fn barycentric([a, b, c]: [Point3<f64>; 3], at: Point3<f64>) -> [f64; 3] {
-    let normal: Vector3<f64> = (b - a).cross(&(c - a));
-    fn area(p: Point3<f64>, q: Point3<f64>, at: Point3<f64>, normal: Vector3<f64>) -> f64 {
-        (p - at).cross(&(q - at)).dot(&normal).max(0.0)
-    }
-    let areas = [area(b, c, at, normal), area(c, a, at, normal), area(a, b, at, normal)];
-    let sum: f64 = areas.iter().sum();
-    if sum > 0.0 { areas.map(|it| it / sum) } else { [1.0, 0.0, 0.0] }
 }

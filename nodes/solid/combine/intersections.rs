@@ -10,6 +10,7 @@ use maquette_value::{Bounds, BoxTree, Mesh};
 use nalgebra::Point3;
 use thiserror::Error;
 
+use super::assembly::{Triangle, triangles};
 use super::exact::{Grid, Leading, Site, first_of, height};
 
 /// Number of triangles per parallel task.
@@ -24,14 +25,6 @@ pub(super) struct Pair<'a> {
     sites: Vec<Site>,
     /// Distance in mm below which two points count as one point.
     pub(super) tolerance: f64,
-}
-
-/// One triangle of a triangulated face.
-pub(super) struct Triangle {
-    pub(super) vertices: [u32; 3],
-    /// Indices of the triangle's corners among all corners of the mesh.
-    pub(super) corners: [u32; 3],
-    pub(super) face: u32,
 }
 
 /// A point at which an edge of one solid intersects a triangle of the other solid.
@@ -77,23 +70,8 @@ impl<'a> Pair<'a> {
     /// Prepares the intersection of two solids, which are merged in `mesh`. `second` is the number of vertices and of faces of the first
     /// solid. The second solid grows by an infinitesimal amount, or shrinks if `grows` is false; so no faces of both solids are coplanar.
     pub(super) fn new(mesh: &'a Mesh, second: (usize, usize), grows: bool) -> Self {
-        let faces = mesh.faces();
-        let mut triangles = Vec::with_capacity(faces.corners().len());
-        let mut start = 0;
-        for (number, face) in faces.iter().enumerate() {
-            if number == second.1 {
-                start = triangles.len();
-            }
-            let first = faces.first_corner(number) as u32;
-            triangles.extend(mesh.face_triangles(number).map(|it| Triangle {
-                vertices: it.map(|corner| face[corner as usize]),
-                corners: it.map(|corner| first + corner),
-                face: number as u32,
-            }));
-        }
-        if faces.len() == second.1 {
-            start = triangles.len();
-        }
+        let triangles = triangles(mesh);
+        let start = triangles.partition_point(|it| (it.face as usize) < second.1);
         let grid =
             Grid::new(mesh.bounds().map_or([Point3::origin(); 2], |(low, high)| [low, high]));
         let sign = if grows { 1.0 } else { -1.0 };

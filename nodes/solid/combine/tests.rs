@@ -6,7 +6,7 @@ use nalgebra::{Point3, Rotation3, Vector3};
 use super::*;
 
 /// Returns a box of quads with its lowest corner at the given position.
-fn cuboid(low: [f64; 3], size: [f64; 3]) -> Mesh {
+pub(super) fn cuboid(low: [f64; 3], size: [f64; 3]) -> Mesh {
     let faces =
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let faces = Faces::uniform(4, faces.as_flattened().to_vec()).unwrap();
@@ -26,7 +26,7 @@ fn cube(low: [f64; 3]) -> Mesh {
 }
 
 /// Returns a sphere of triangles: an octahedron each of whose faces is divided into `steps` x `steps` triangles.
-fn ball(middle: [f64; 3], radius: f64, steps: u32) -> Mesh {
+pub(super) fn ball(middle: [f64; 3], radius: f64, steps: u32) -> Mesh {
     fn octant(
         signs: u32,
         i: u32,
@@ -81,7 +81,7 @@ fn rotate(mesh: &Mesh, by: [f64; 3]) -> Mesh {
     mesh.with_positions(places.collect()).unwrap()
 }
 
-fn size(mesh: &Mesh) -> f64 {
+pub(super) fn size(mesh: &Mesh) -> f64 {
     mesh.bounds().map_or(0.0, |(low, _)| volume(mesh, low))
 }
 
@@ -336,11 +336,59 @@ fn meshes_that_are_not_solids_are_errors() {
         error(&mirrored, &[&solid]),
         "`mesh` is inside out; use `Orient` to turn it outward"
     );
-    let twice = merge(&[&cube([2.; 3]), &cube([3.; 3])], Poses::Ignore).unwrap();
-    assert!(error(&solid, &[&solid, &twice]).starts_with("mesh 2 of `with` intersects itself"));
+    let small = cuboid([30.; 3], [5.; 3]);
+    let small = maquette_mesh::orient(&small, maquette_mesh::Outside::Flip).unwrap().mesh;
+    let turned = merge(&[&solid, &small], Poses::Ignore).unwrap();
+    let text = error(&solid, &[&solid, &turned]);
+    assert!(text.starts_with("mesh 2 of `with`: part 2 of 2 at (30.000, "), "{text}");
     let empty = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap();
     assert_eq!(volume_and_mesh(&solid, &empty, Operation::Union).0, 1000.0);
     assert_eq!(volume_and_mesh(&solid, &empty, Operation::Intersection).0, 0.0);
+}
+
+#[test]
+fn parts_of_a_solid_that_overlap_are_united_wherever_they_do() {
+    use Operation::{Difference, Union};
+    let twice = merge(&[&cube([2.; 3]), &cube([3.; 3])], Poses::Ignore).unwrap();
+    // The other solid meets the overlap, or does not.
+    for (other, union, difference) in [
+        (cube([0.; 3]), 1759.0, 1271.0 - 512.0),
+        (cuboid([-4., -4., -4.], [7., 7., 7.]), 1271.0 + 343.0 - 1.0, 1270.0),
+        (cube([50.; 3]), 2271.0, 1271.0),
+    ] {
+        let found = volume_and_mesh(&twice, &other, Union).0;
+        assert!((found - union).abs() < 1e-6, "{found}, not {union}");
+        let found = volume_and_mesh(&twice, &other, Difference).0;
+        assert!((found - difference).abs() < 1e-6, "{found}, not {difference}");
+    }
+    let nested = merge(&[&cube([0.; 3]), &cuboid([2.; 3], [3.; 3])], Poses::Ignore).unwrap();
+    assert_eq!(volume_and_mesh(&nested, &cube([50.; 3]), Union).0, 2000.0);
+    let alone = boolean(&twice, &[], Union, &Progress::silent()).unwrap();
+    assert!((size(&alone) - 1271.0).abs() < 1e-6);
+}
+
+#[test]
+fn halves_that_are_mirrored_at_their_cut_unite_to_the_whole() {
+    for (steps, height) in [(8, 0.0), (8, 1.0), (12, 0.37), (13, -2.0), (20, 3.3)] {
+        let block = cuboid([-20., -20., height - 20.0], [40., 40., 20.]);
+        let whole = ball([0.; 3], 10.0, steps);
+        for turn in [0.0, 0.3] {
+            let half =
+                volume_and_mesh(&rotate(&whole, [0., turn, 0.]), &block, Operation::Difference).1;
+            let places =
+                half.positions().iter().map(|it| Point3::new(it.x, it.y, 2.0 * height - it.z));
+            let mirrored = half.with_positions(places.collect()).unwrap();
+            let mirrored =
+                maquette_mesh::orient(&mirrored, maquette_mesh::Outside::Flip).unwrap().mesh;
+            check(&half, &mirrored, 0.0);
+            let union = volume_and_mesh(&half, &mirrored, Operation::Union).1;
+            let middle = union.faces().iter().filter(|face| {
+                face.iter().all(|&it| (union.positions()[it as usize].z - height).abs() < 1e-9)
+            });
+            let areas: Vec<f64> = middle.map(|face| union.area_vector(face).norm()).collect();
+            assert!(areas.iter().all(|area| *area < 1e-9), "{steps} {height} {turn} {areas:?}");
+        }
+    }
 }
 
 #[test]
