@@ -49,7 +49,7 @@ pub(crate) struct ZipRim<'a> {
 
 /// Zips the given rims of `mesh` where they touch each other or themselves. Returns `None` if they touch nowhere.
 ///
-/// Each vertex is matched with the nearest edge that runs against its own border within a twentieth of the length of the edges there: with
+/// Each vertex is matched with the nearest edge that runs against one of its own border edges within a twentieth of the length of the edges there: with
 /// an end of that edge, or with a new vertex on it. Matches are made in the order of distances, then borders are joined edge by edge along
 /// them. Of joined vertices, the one with the lowest index keeps its position. An outer border, which may be jagged, is zipped only where
 /// its edges coincide, unless most of it touches other borders.
@@ -133,8 +133,8 @@ struct RimEdge {
 /// A vertex of a rim, with its neighbors along the rim.
 struct RimVertex {
     vertex: u32,
-    /// The direction of the rim; zero where the rim turns back.
-    tangent: Vector3<f64>,
+    /// The directions of the rim edges before and after the vertex.
+    directions: [Vector3<f64>; 2],
     /// The index of the rim.
     rim: usize,
 }
@@ -182,12 +182,12 @@ impl<'a> Border<'a> {
                 is_on_rim[rim[k] as usize] = true;
                 let before = unit(spans[(k + count - 1) % count]);
                 let direction = unit(spans[k]);
-                let tangent = unit(before + direction);
                 let around = (0..2 * MEAN_OF.min(count))
                     .map(|i| (k + i + count - MEAN_OF.min(count)) % count);
                 let length =
                     around.clone().map(|i| spans[i].norm()).sum::<f64>() / around.len() as f64;
-                vertices.push(RimVertex { vertex: rim[k], tangent, rim: index });
+                let directions = [before, direction];
+                vertices.push(RimVertex { vertex: rim[k], directions, rim: index });
                 edges.push(RimEdge { from: rim[k], to: rim[(k + 1) % count], direction });
                 reaches.push(rounding.max(TOUCHING * length));
             }
@@ -249,9 +249,10 @@ impl<'a> Border<'a> {
         let mut best: Option<Match> = None;
         tree.visit_overlapping(&Bounds::from_points(&[point - margin, point + margin]), |k| {
             let edge = &self.edges[k as usize];
+            let runs_against = |own: &Vector3<f64>| edge.direction.dot(own) <= MAX_COSINE;
             if edge.from == of.vertex
                 || edge.to == of.vertex
-                || edge.direction.dot(&of.tangent) > MAX_COSINE
+                || !of.directions.iter().any(runs_against)
             {
                 return;
             }
