@@ -102,7 +102,7 @@ impl HalfEdge {
 }
 
 /// Finds faces that equal another one: those with the vertices of an earlier face, and those of which no edge belongs to another face and
-/// whose corners have the places of another face, in the same order.
+/// whose corners are near those of another face, at the same places in the same order.
 fn equal_faces(mesh: &Mesh, places: &[u32], edges: &[HalfEdge]) -> Vec<bool> {
     let faces = mesh.faces();
     let mut is_equal = vec![false; faces.len()];
@@ -123,8 +123,10 @@ fn equal_faces(mesh: &Mesh, places: &[u32], edges: &[HalfEdge]) -> Vec<bool> {
         .collect();
     keys.sort_unstable();
     for same in keys.chunk_by(|a, b| a.0 == b.0) {
-        let (_, others) = same.split_at(1);
-        others.iter().filter(|it| it.1).for_each(|it| is_equal[it.2 as usize] = true);
+        let (first, others) = same.split_at(1);
+        for (_, _, face) in others.iter().filter(|(_, is_alone, _)| *is_alone) {
+            is_equal[*face as usize] = are_close(mesh, places, first[0].2, *face);
+        }
     }
     let mut twins: Vec<(Vec<u32>, u32)> =
         (0..).zip(faces.iter()).map(|(face, it)| (rotate(it.iter().copied()), face)).collect();
@@ -147,6 +149,23 @@ fn equal_faces(mesh: &Mesh, places: &[u32], edges: &[HalfEdge]) -> Vec<bool> {
         }
     }
     is_equal
+}
+
+/// The maximum distance of corresponding corners of equal faces, as a fraction of the shortest edge.
+const EQUAL: f64 = 0.1;
+
+/// Returns true if the corners of two faces at the same places are much nearer to each other than the ends of their edges.
+fn are_close(mesh: &Mesh, places: &[u32], a: u32, b: u32) -> bool {
+    let corners = |face: u32| {
+        let mut corners = mesh.faces().face(face as usize).to_vec();
+        let lowest = (0..corners.len()).min_by_key(|&k| places[corners[k] as usize]).unwrap_or(0);
+        corners.rotate_left(lowest);
+        corners.into_iter().map(|vertex| mesh.positions()[vertex as usize]).collect::<Vec<_>>()
+    };
+    let (a, b) = (corners(a), corners(b));
+    let edges = b.iter().zip(b[1..].iter().chain(&b[..1]));
+    let shortest = edges.map(|(from, to)| (to - from).norm()).fold(f64::INFINITY, f64::min);
+    a.iter().zip(&b).all(|(a, b)| (a - b).norm() <= EQUAL * shortest)
 }
 
 /// Returns the numbers in the same cyclic order, beginning with the lowest one.
