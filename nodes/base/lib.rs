@@ -8,3 +8,4 @@ pub mod solid_angle;
 pub mod topology;
 pub mod tree;
 pub mod unit;
+pub mod weld;

@@ -8,17 +8,25 @@ mod remove_outliers;
 #[cfg(test)]
 mod shapes;
 mod smooth;
+mod weld;
 
 pub use flying_pixels::{FlyingPixels, flying_pixels};
 pub use remesh::{Remesh, remesh};
 pub use remove_outliers::{Outliers, RemoveOutliers, outliers};
 pub use smooth::{Smooth, smooth};
+pub use weld::Weld;
 
 /// The pack of nodes that clean scans.
 pub static PACK: Pack = Pack {
     name: "clean",
     version: env!("CARGO_PKG_VERSION"),
     build: maquette_node::this_build!(),
-    nodes: &[node::<Remesh>(), node::<Smooth>(), node::<RemoveOutliers>(), node::<FlyingPixels>()],
+    nodes: &[
+        node::<Remesh>(),
+        node::<Smooth>(),
+        node::<Weld>(),
+        node::<RemoveOutliers>(),
+        node::<FlyingPixels>(),
+    ],
     ..Pack::EMPTY
 };

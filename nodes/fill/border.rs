@@ -5,3 +5,5 @@ pub(super) mod manifold_check;
 pub(super) mod regions;
 pub(super) mod rim;
 pub(super) mod rims;
+mod split_edges;
+pub(super) mod zip;

@@ -12,11 +12,14 @@ use serde::{Deserialize, Serialize};
 
 use super::attributes::carry::AttributeCarrier;
 use super::attributes::colors::colors;
-use super::border::holes::{Components, HoleChoice, choose, without_isolated_components};
+use super::border::holes::{
+    ChosenRims, Components, HoleChoice, choose, without_isolated_components,
+};
 use super::border::manifold_check::check_rims;
 use super::border::regions::{cut, marked_vertices, vertices_in_region};
 use super::border::rim::{OneRings, Rim};
-use super::border::rims::rims;
+use super::border::rims::{NotManifold, rims};
+use super::border::zip::{ZipRim, ZippedMesh, zip};
 use super::exemplar::{CompletionInput, Copies, Update, complete, complete_as_published};
 use super::intersections::damping::damp_displacements;
 use super::intersections::detect::Intersections;
@@ -41,6 +44,10 @@ use super::triangles::filling::Filling;
 /// across the hole; flags and integers are copied from the vertex that `exemplar` names. A seam of texture coordinates that runs into the
 /// hole ends there. An exemplar fill copies the colors, numbers and vectors of its exemplars; if texture coordinates are stored per corner,
 /// as in an atlas, each filled face also shows the exemplar's part of the picture, unless `texture` says otherwise.
+///
+/// Where the borders of holes touch, within a twentieth of the length of the edges there, they are zipped instead: a crack has no area. An
+/// outer border is zipped only where it coincides with itself or another, or if most of it touches others. Then vertices are joined, so
+/// that later ones have new indices, and a warning says how many.
 ///
 /// The outer border of an open scan is not a hole: the border of each connected component whose faces mostly look to one side, or that
 /// comes from a capture, stays open, and a warning names it. A mesh without holes is returned unchanged except for the two attributes.
@@ -163,21 +170,21 @@ pub fn fill_holes(
         }
         _ => (mesh.clone(), Vec::new()),
     };
-    let ((rims, mut filling), components) =
-        rayon::join(|| (rims(&mesh), Filling::new(&mesh)), || Components::new(&mesh));
-    let rims = rims.map_err(|elements| {
-        Error::new(format!(
-            "the mesh is not manifold at {elements}: an edge may have at most two faces, of equal orientation, and the faces \
-             around a vertex must be connected"
-        ))
-    })?;
-    let chosen = choose(&mesh, &components, &rims, holes, &is_cut).map_err(|number| {
-        let count = rims.len();
-        Error::new(format!("the mesh has no rim {number}: it has {count} rims, numbered from 0"))
-    })?;
+    let border = MeshBorder::new(&mesh, holes, &is_cut)?;
+    let zipped = border.zip(&mesh, holes, is_cut)?;
+    let joined = zipped.as_ref().map_or(0, |(zipped, _)| zipped.joined);
+    let (mesh, border) = match zipped {
+        Some((zipped, border)) => (zipped.mesh, border),
+        None => (mesh, border),
+    };
+    let MeshBorder { rims, chosen, components, mut filling } = border;
     let mut warnings = Vec::new();
     warnings.extend(describe_outer(&rims, &chosen.outer, components.count()));
-    if chosen.holes.is_empty() && chosen.outer.is_empty() {
+    if joined > 0 {
+        warnings.push(format!(
+            "borders touch: {joined} vertices are joined with others instead of filling between them, and later vertices have new indices"
+        ));
+    } else if chosen.holes.is_empty() && chosen.outer.is_empty() {
         warnings.push("the mesh has no hole to fill".to_owned());
     }
     let holes: Vec<Vec<u32>> = chosen.holes.iter().map(|&hole| rims[hole].clone()).collect();
@@ -273,6 +280,78 @@ pub fn fill_holes(
     warnings.extend(describe_intersections(&chosen.holes, &hole_fills, &components));
     let trace = Trace::new(steps)?;
     Ok(FilledMesh { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, warnings })
+}
+
+/// The border of a mesh and the holes to fill.
+struct MeshBorder {
+    rims: Vec<Vec<u32>>,
+    chosen: ChosenRims,
+    components: Components,
+    filling: Filling,
+}
+
+impl MeshBorder {
+    /// # Errors
+    /// Returns an error if the mesh is not manifold, or a chosen rim does not exist.
+    fn new(mesh: &Mesh, holes: &HoleChoice, is_cut: &[bool]) -> Result<Self, Error> {
+        let ((rims, filling), components) =
+            rayon::join(|| (rims(mesh), Filling::new(mesh)), || Components::new(mesh));
+        let rims = rims.map_err(not_manifold)?;
+        let chosen = choose(mesh, &components, &rims, holes, is_cut).map_err(|number| {
+            let count = rims.len();
+            Error::new(format!(
+                "the mesh has no rim {number}: it has {count} rims, numbered from 0"
+            ))
+        })?;
+        Ok(Self { rims, chosen, components, filling })
+    }
+
+    /// Zips the chosen rims where they touch; if all holes are chosen, also the outer borders. Returns the zipped mesh and its border, on
+    /// which the chosen rims are the rest of those before. Returns `None` if no rims touch.
+    fn zip(
+        &self,
+        mesh: &Mesh,
+        holes: &HoleChoice,
+        is_cut: Vec<bool>,
+    ) -> Result<Option<(ZippedMesh, Self)>, Error> {
+        let outer = match holes {
+            HoleChoice::All => &self.chosen.outer[..],
+            _ => &[],
+        };
+        let rim = |is_outer| move |&rim: &usize| ZipRim { vertices: &self.rims[rim], is_outer };
+        let chosen = self.chosen.holes.iter().map(rim(false)).chain(outer.iter().map(rim(true)));
+        let chosen: Vec<ZipRim<'_>> = chosen.collect();
+        let Some(zipped) = zip(mesh, &chosen)? else { return Ok(None) };
+        // A vertex that joins several parts of the surface may prevent that the zipped mesh is manifold.
+        if rims(&zipped.mesh).is_err() {
+            return Ok(None);
+        }
+        let mut is_cut_now = vec![false; zipped.mesh.positions().len()];
+        for (&vertex, is_cut) in zipped.vertices.iter().zip(is_cut) {
+            is_cut_now[vertex as usize] |= is_cut;
+        }
+        let all = MeshBorder::new(&zipped.mesh, &HoleChoice::All, &is_cut_now)?;
+        if matches!(holes, HoleChoice::All) {
+            return Ok(Some((zipped, all)));
+        }
+        // A new vertex on an edge of a chosen rim is on no other one.
+        let mut is_chosen = vec![true; zipped.mesh.positions().len()];
+        zipped.vertices.iter().for_each(|&vertex| is_chosen[vertex as usize] = false);
+        for &vertex in chosen.iter().flat_map(|rim| rim.vertices) {
+            is_chosen[zipped.vertices[vertex as usize] as usize] = true;
+        }
+        let rest = |rim: &usize| all.rims[*rim].iter().all(|&vertex| is_chosen[vertex as usize]);
+        let chosen =
+            ChosenRims { holes: (0..all.rims.len()).filter(rest).collect(), outer: Vec::new() };
+        Ok(Some((zipped, Self { chosen, ..all })))
+    }
+}
+
+fn not_manifold(elements: NotManifold) -> Error {
+    Error::new(format!(
+        "the mesh is not manifold at {elements}: an edge may have at most two faces, of equal orientation, and the faces \
+         around a vertex must be connected"
+    ))
 }
 
 /// The fractions of the total progress at which the fills without exemplars are complete. `PLAIN_PROGRESS` applies if these fills are the

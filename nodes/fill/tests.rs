@@ -12,6 +12,7 @@ use super::fill_holes::{FilledMesh, fill_holes};
 use super::method::FillMethod;
 use super::shapes::{grid, random, remove_vertices, sphere, triangle_mesh};
 
+mod cracks;
 mod creases;
 mod intersections;
 mod odd_holes;

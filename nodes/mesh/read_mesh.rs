@@ -11,7 +11,8 @@ use serde::{Deserialize, Serialize};
 ///
 /// Coordinates are read unchanged, with y up, and converted to mm. GLB and glTF files are in meters, and the transforms of their nodes are
 /// applied. A 3MF file states its unit; all items on its plate are read at their positions, rotated so that y is up. Coincident corners of
-/// STL, GLB and glTF become one vertex.
+/// STL, GLB and glTF become one vertex. Other formats store vertices, which are kept: a warning says if borders coincide, and `Weld` joins
+/// them.
 ///
 /// Materials of GLB, glTF and OBJ files are kept with all their textures; of several, the attribute `material` of faces has the index. Of a
 /// 3MF or PLY file the mesh has one texture. Missing files are warned of.

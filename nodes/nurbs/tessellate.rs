@@ -7,6 +7,11 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Tessellates a surface into a mesh of quads, with exact normals and with the parameters, scaled to 0..1, as `uv`.
+///
+/// A surface that is closed in a direction is joined at its seam, and a row or column in one place, a pole, is one vertex with triangles around
+/// it: a ball or a vase that closes is a closed mesh. Then `uv` belongs to corners: at the far side of a seam it is 1, and at a pole each
+/// triangle has the mean of its two columns. So do the normals if the surface has an edge at its seam or a tip at a pole. Points within
+/// 1e-9 of the diagonal of the net's bounding box are the same. A seam with fewer than three quads around stays open.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Tessellate {
     /// The surface.
@@ -34,8 +39,8 @@ impl Node for Tessellate {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
-    const PROMISES: &'static [Promise<Self>] = &[Promise::never_has("mesh", "Triangles")
-        .only_if("without `tolerance`", |it| it.tolerance == 0.0)];
+    const PROMISES: &'static [Promise<Self>] =
+        &[Promise::always("mesh", "Manifold"), Promise::always("mesh", "Oriented")];
 
     fn check(&self) -> Result<(), FieldError> {
         match (self.tolerance == 0.0, [self.u, self.v]) {
@@ -50,7 +55,8 @@ impl Node for Tessellate {
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let vertices = vertices(cx.get(&self.surface), [self.u, self.v]);
         // With a tolerance, the number of quads is not known in advance; the computation stops at a million.
-        let estimate = Estimate { bytes: vertices * 110.0, help: VERTICES.help };
+        let bytes = if cx.get(&self.surface).has_joints() { 280.0 } else { 110.0 };
+        let estimate = Estimate { bytes: vertices * bytes, help: VERTICES.help };
         (self.tolerance == 0.0).then_some(estimate)
     }
 

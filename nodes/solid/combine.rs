@@ -16,6 +16,7 @@ use maquette_value::{Mesh, MeshError, TriangleTree};
 use parts::Defect;
 use weld::weld;
 
+use super::hollow::how_to_close;
 use crate::operation::Operation;
 use crate::transfer_attributes::transfer_attributes;
 use crate::volume::volume;
@@ -64,8 +65,9 @@ pub fn boolean(
         let count = edges.faces.iter().filter(|faces| **faces != 2).count();
         if count > 0 {
             bail!(
-                "{} is not closed: {count} of its edges do not have two faces; use `Solid` to close it",
-                name(number, others)
+                "{} is not closed: {count} of its edges do not have two faces; {}",
+                name(number, others),
+                how_to_close(mesh)
             );
         }
         if mesh.bounds().is_some_and(|(low, _)| volume(mesh, low) < 0.0) {

@@ -161,7 +161,8 @@ pub fn hollow(
     let open = mesh.edges().faces.iter().filter(|faces| **faces != 2).count();
     if open > 0 {
         bail!(
-            "the mesh is not closed: {open} of its edges do not have two faces; use `Solid` to close it"
+            "the mesh is not closed: {open} of its edges do not have two faces; {}",
+            how_to_close(mesh)
         );
     }
     let crossing = progress.part(0.0..0.1, |progress| mesh.crossings(|| progress.check()))?;
@@ -265,6 +266,16 @@ fn drill(
     let lids = (0..SIDES).rev().chain(SIDES..2 * SIDES);
     let counts: Vec<_> = (0..SIDES).map(|_| 4).chain([SIDES as usize; 2]).collect();
     Mesh::new(Vec::from_iter(places), Faces::polygons(&counts, sides.chain(lids).collect())?)
+}
+
+/// Returns the help for a mesh that should be closed.
+pub(super) fn how_to_close(mesh: &Mesh) -> String {
+    match mesh.count_unjoined() {
+        0 => "use `Solid` to close it".to_owned(),
+        unjoined => {
+            format!("use `Weld` to join the {unjoined} vertices that share a position with another")
+        }
+    }
 }
 
 #[cfg(test)]

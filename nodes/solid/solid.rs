@@ -246,9 +246,14 @@ fn close(mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, Error> {
     let filled = orient(&filled, Outside::Outward)?.mesh;
     match filled.edges().faces.iter().filter(|faces| **faces == 1).count() {
         0 => Ok(filled),
-        count => bail!(
-            "{count} edges of the mesh are still open after its holes are filled: the border around an open scan is not a hole; use `base: Flat()` to give it walls"
-        ),
+        count => match filled.count_unjoined() {
+            0 => bail!(
+                "{count} edges of the mesh are still open after its holes are filled: the border around an open scan is not a hole; use `base: Flat()` to give it walls"
+            ),
+            unjoined => bail!(
+                "{count} edges of the mesh are still open after its holes are filled, and {unjoined} vertices share a position with another; use `Weld` to join them"
+            ),
+        },
     }
 }
 

@@ -30,7 +30,7 @@ pub struct Subdivision {
     /// Treatment of creases.
     #[serde(default)]
     pub creases: Creases,
-    /// Interpolation of corner attributes, such as texture coordinates.
+    /// Interpolation of the attributes of corners and vertices, such as texture coordinates.
     #[serde(default)]
     pub corners: Corners,
 }

@@ -117,6 +117,14 @@ pub(crate) fn open_mesh_note(mesh: &Mesh) -> Option<String> {
     })
 }
 
+/// Returns a note if borders of a mesh coincide: the format stores vertices, and the file has several at the same position.
+pub(crate) fn unjoined_note(mesh: &Mesh) -> Option<String> {
+    match mesh.count_unjoined() {
+        0 => None,
+        count => Some(format!("{count} vertices share a position with another: `Weld` joins them")),
+    }
+}
+
 /// Returns the first 40 bytes as text for a message. Control characters are escaped, so the text has only one line.
 pub(crate) fn excerpt(bytes: &[u8]) -> String {
     let start = &bytes[..bytes.len().min(40)];

@@ -60,6 +60,6 @@ pub use common::data_uri;
 pub(crate) use common::{
     BLOCK, FilePosition, MAX_NAMESPACES, check_mesh, check_single, count_error, excerpt,
     has_many_namespaces, max_memory, mesh_precision_note, not_a_number, open_mesh_note, parse,
-    parse_real, precision_note, words,
+    parse_real, precision_note, unjoined_note, words,
 };
 pub use formats::{FORMATS, PACK, READERS, read};

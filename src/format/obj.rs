@@ -14,7 +14,7 @@ use nalgebra::Point3;
 use super::colors::{self, ColorRange};
 use super::corners::{FaceList, add_corner_data};
 use super::finite::{self, FiniteMask};
-use super::{excerpt, parse, words};
+use super::{excerpt, parse, unjoined_note, words};
 
 mod curve;
 mod free_form;
@@ -231,6 +231,7 @@ impl Reader {
         let mesh = self.into_mesh(colors, none, &mut notes)?;
         let (mesh, left_out) = finite.mesh(mesh);
         notes.extend(finite::left_out_note(left_out, "face"));
+        notes.extend(unjoined_note(&mesh));
         Ok((mesh, notes))
     }
 

@@ -1,14 +1,12 @@
 //! STL, the triangles for 3D printers, as text or binary. The format stores corners, not vertices; corners with equal positions are merged
 //! to one vertex.
 
-use std::collections::HashMap;
-
 use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::bail;
 use maquette_syntax::error::Error;
-use maquette_value::{Attribute, Mesh, Rgb};
-use nalgebra::{Point3, Vector3};
+use maquette_value::{Attribute, DistinctPositions, Mesh, Rgb};
+use nalgebra::Vector3;
 
 use super::corners::FaceList;
 use super::losses;
@@ -16,7 +14,7 @@ use super::rows::floats;
 use super::upright::upright;
 use super::{check_mesh, excerpt, finite, mesh_precision_note, open_mesh_note, parse_real, words};
 
-/// Reads the mesh in an STL file, text or binary. Corners with bitwise equal positions become one vertex, in the order of first use.
+/// Reads the mesh in an STL file, text or binary. Corners with equal positions become one vertex, in the order of first use.
 /// Degenerate triangles are left out, as are those with a corner that is NaN or infinite. Normals are ignored: the order of the corners
 /// defines the outside. Colors of triangles, as Magics and VisCAM write them, become the attribute `color` of faces.
 ///
@@ -83,7 +81,7 @@ fn read_with_notes(bytes: &[u8]) -> Result<(Mesh, Vec<String>), Error> {
     notes.extend(corners.faces.notes());
     notes.extend(finite::left_out_note(corners.left_out, "face"));
     let (faces, _) = corners.faces.finish()?;
-    let mut mesh = Mesh::new(corners.positions, faces)?;
+    let mut mesh = Mesh::new(corners.positions.into_positions(), faces)?;
     if corners.colors.iter().any(Option::is_some) {
         let colors = corners.colors.into_iter().map(|color| color.unwrap_or(corners.usual_color));
         mesh = mesh.with_face("color", Attribute::Color(colors.collect()))?;
@@ -126,8 +124,7 @@ const TRIANGLE: usize = 50;
 /// Collects triangles, and merges corners with equal positions.
 #[derive(Default)]
 struct Corners {
-    positions: Vec<Point3<f64>>,
-    vertices: HashMap<[u64; 3], u32>,
+    positions: DistinctPositions,
     faces: FaceList,
     /// The color of each face, if it has its own.
     colors: Vec<Option<Rgb>>,
@@ -143,13 +140,7 @@ impl Corners {
             self.left_out += 1;
             return;
         }
-        let face = corners.map(|position| {
-            *self.vertices.entry(position.map(f64::to_bits)).or_insert_with(|| {
-                self.positions.push(position.into());
-                // The cast is safe, because more corners would not fit in memory.
-                (self.positions.len() - 1) as u32
-            })
-        });
+        let face = corners.map(|position| self.positions.insert(position.into()));
         let faces = self.faces.push(&face);
         self.colors.extend(std::iter::repeat_n(color, faces));
     }
@@ -283,6 +274,7 @@ impl FileReader for MeshStl {
 #[cfg(test)]
 mod tests {
     use maquette_value::Faces;
+    use nalgebra::Point3;
 
     use super::*;
     use crate::{glb, hostile, obj, ply};

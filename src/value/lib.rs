@@ -77,8 +77,8 @@ pub use mask::Mask;
 pub use material::{Map, MapKind, Material, Transparency, UvTransform, Wrap};
 pub use memo::{Memo, hash_of_memo};
 pub use mesh::{
-    Backing, Edges, Faces, MATERIAL_ATTRIBUTE, Mesh, MeshError, MovedRows, NearestPoint, RayHit,
-    TriangleTree, bounds, closest_on_triangle,
+    Backing, DistinctPositions, Edges, Faces, MATERIAL_ATTRIBUTE, Mesh, MeshError, MovedRows,
+    NearestPoint, RayHit, TriangleTree, bounds, closest_on_triangle,
 };
 pub use parts::{
     ElementKind, Fact, FactValue, Items, Meaning, Part, Parts, PartsError, Range, ranges,

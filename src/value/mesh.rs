@@ -10,6 +10,7 @@ use super::{
     Attribute, AttributeError, Attributes, CaptureFrame, Column, Image, Material, Summary,
 };
 
+mod coincident;
 mod crossings;
 mod derived;
 mod diff;
@@ -22,6 +23,7 @@ mod triangles;
 mod value;
 mod walls;
 
+pub use coincident::DistinctPositions;
 use derived::DerivedData;
 pub use diff::MovedRows;
 pub use faces::{Edges, Faces};

@@ -14,6 +14,7 @@ mod closest;
 mod differentiate;
 mod evaluate;
 mod grid;
+mod joints;
 mod tessellate;
 
 pub use change::IsoCurve;
@@ -141,7 +142,7 @@ impl Value for Surface {
 
     /// Draws the surface as faces, and its control net as lines.
     fn show(&self) -> Vec<Layer> {
-        let faces = self.tessellate(0, 0).map(|mesh| Layer::Triangles(Box::new(mesh)));
+        let faces = self.tessellate_open(0, 0).map(|mesh| Layer::Triangles(Box::new(mesh)));
         faces.into_iter().chain(self.net.show()).collect()
     }
 

@@ -98,7 +98,7 @@ impl Plan {
         let mut refined = apply(mesh, steps, progress)?;
         progress.tick(0.9)?;
         if options.corners == Corners::Smooth && !options.scheme.is_dual() && !steps.is_empty() {
-            refined = smooth_corners(mesh, *options, refined)?;
+            refined = smooth_corners(mesh, *options, steps, refined)?;
         }
         progress.check()?;
         refined = match limit {

@@ -1,11 +1,12 @@
 //! Builds a mesh from the scene of a GLB file: applies the transformations of the nodes and merges vertices.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet};
 
 use maquette_syntax::bail;
 use maquette_syntax::error::Error;
 use maquette_value::{
-    Attribute, Column, MATERIAL_ATTRIBUTE, Mesh, MeshError, Rgb, UvTransform, srgb_from_linear,
+    Attribute, Column, DistinctPositions, MATERIAL_ATTRIBUTE, Mesh, MeshError, Rgb, UvTransform,
+    srgb_from_linear,
 };
 use nalgebra::{Matrix3, Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
 
@@ -489,17 +490,9 @@ fn add_data<T: Copy + PartialEq>(
 /// Merges vertices with equal positions. Returns the distinct positions in the order of first use, and for each vertex the index of its
 /// position.
 fn merge_positions(positions: &[Point3<f64>]) -> (Vec<Point3<f64>>, Vec<u32>) {
-    let mut distinct = Vec::with_capacity(positions.len());
-    let mut known = HashMap::with_capacity(positions.len());
-    let vertices = positions.iter().map(|point| {
-        let bits = [point.x, point.y, point.z].map(f64::to_bits);
-        *known.entry(bits).or_insert_with(|| {
-            distinct.push(*point);
-            (distinct.len() - 1) as u32
-        })
-    });
-    let vertices = vertices.collect();
-    (distinct, vertices)
+    let mut distinct = DistinctPositions::with_capacity(positions.len());
+    let vertices = positions.iter().map(|&point| distinct.insert(point)).collect();
+    (distinct.into_positions(), vertices)
 }
 
 /// Returns the corners of the triangles in a primitive. In a strip every second triangle is reversed.

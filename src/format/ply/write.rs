@@ -15,7 +15,7 @@ use super::header::{self, CORNER_UV, Kind, TEXCOORD};
 use crate::losses;
 use crate::rows::{Rows, Table, concatenate, fill_column, floats, indices};
 use crate::upright::{upright_points, upright_sign};
-use crate::{check_mesh, finite, mesh_precision_note, picture_file};
+use crate::{check_mesh, finite, mesh_precision_note, picture_file, unjoined_note};
 
 /// Writes a mesh with all attributes of its vertices and faces. If it has no vertex colors, those of its texture are written.
 pub(crate) struct MeshPly;
@@ -404,6 +404,7 @@ impl FileReader for MeshPly {
         notes.into_iter().chain(face_notes).for_each(|note| file.warn(note));
         let (mesh, left_out) = finite.mesh(mesh);
         finite::warn_left_out(file, left_out, "face");
+        unjoined_note(&mesh).into_iter().for_each(|note| file.warn(note));
         if let [first, _, ..] = &pictures[..] {
             file.warn(format!(
                 "the file has {} pictures, but the mesh uses only the first, `{first}`, for all faces",

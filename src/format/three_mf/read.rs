@@ -11,7 +11,7 @@ use super::model::{Appearance, Group, Model, Object, Shape};
 use crate::corners::{FaceList, add_corner_data};
 use crate::finite::{self, FiniteMask};
 use crate::zip::Archive;
-use crate::{max_memory, picture_file};
+use crate::{max_memory, picture_file, unjoined_note};
 
 const MAX_NESTING: usize = 64;
 
@@ -251,6 +251,7 @@ impl<'a> Assembly<'a> {
         }
         let (faces, origins) = self.faces.finish()?;
         let mut mesh = Mesh::new(self.positions, faces)?;
+        self.notes.extend(unjoined_note(&mesh));
         if colored > 0 {
             let colors: Vec<_> = origins.iter().map(|&origin| self.colors[origin]).collect();
             mesh = add_corner_data(mesh, "color", colors, [255; 3], Attribute::Color)?;

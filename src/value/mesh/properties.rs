@@ -8,12 +8,18 @@ use crate::union_find::UnionFind;
 pub(super) const PROPERTIES: &[Property<Mesh>] = &[
     Property::new("Closed", "No edge has only one face: there is no border.", |mesh| {
         let found = mesh.edges();
-        edges(
+        let mut violation = edges(
             mesh,
             "edges with one face",
             (0..found.faces.len()).filter(|&edge| found.faces[edge] == 1),
             &found.vertices,
-        )
+        )?;
+        if let unjoined @ 1.. = mesh.count_unjoined() {
+            violation.what += &format!(
+                "; {unjoined} vertices at its borders share a position with another: `Weld` joins them"
+            );
+        }
+        Some(violation)
     }),
     Property::new("Manifold", "No edge has more than two faces.", |mesh| {
         let found = mesh.edges();

@@ -7,10 +7,12 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use super::super::{Attribute, Faces, Mesh, MeshError};
-use super::Surface;
+use super::super::{Faces, Mesh, MeshError};
+use super::joints::{Joints, MIN_AROUND, OpenMesh};
 use super::tessellate::{distance, divide_spans, to_unit};
+use super::{ParameterDirection, Surface};
 use crate::parallel::*;
+use crate::union_find::UnionFind;
 
 /// The maximum number of times that a span is halved, which gives 1024 x 1024 cells. With a tolerance near rounding the division would
 /// never end.
@@ -30,7 +32,7 @@ const LAST: usize = SAMPLES - 1;
 
 impl Surface {
     /// A mesh whose edges and quad diagonals are within `tolerance` (mm) of the surface. It consists of quads, and of triangles where small
-    /// quads meet large ones. It has the vertex attributes and the orientation of [`tessellate`](Self::tessellate).
+    /// quads meet large ones. It has the attributes, the joints and the orientation of [`tessellate`](Self::tessellate).
     ///
     /// The distance is measured at a few samples of each cell, and no span is divided into more than 1024 x 1024 cells.
     ///
@@ -38,6 +40,7 @@ impl Surface {
     /// If there are more cells than allowed, or a point is not finite because the net's numbers are too large.
     pub fn tessellate_within(&self, tolerance: f64) -> Result<Mesh, MeshError> {
         let mut tree = Tree::new(self, MAX_CELLS)?;
+        tree.divide_for_joints()?;
         tree.refine(tolerance)?;
         tree.balance()?;
         tree.mesh()
@@ -55,6 +58,10 @@ struct Tree<'a> {
     leaves: usize,
     /// The maximum number of undivided cells.
     max_leaves: usize,
+    joints: Joints<'a>,
+    /// For each of `us`, true if the surface has only one point there; `is_pole_v` says so for each of `vs`.
+    is_pole_u: Vec<bool>,
+    is_pole_v: Vec<bool>,
 }
 
 #[derive(Clone, Copy)]
@@ -78,12 +85,39 @@ impl<'a> Tree<'a> {
             .map(|k| [(k / columns) as u32 * SPAN, (k % columns) as u32 * SPAN])
             .map(|[x, y]| Cell { x, y, side: SPAN, quarters: 0 })
             .collect();
-        Ok(Self { surface, us, vs, leaves: cells.len(), max_leaves, cells })
+        let joints = Joints::new(surface);
+        let is_pole_u = us.iter().map(|&u| joints.is_pole(ParameterDirection::U, u)).collect();
+        let is_pole_v = vs.iter().map(|&v| joints.is_pole(ParameterDirection::V, v)).collect();
+        let leaves = cells.len();
+        Ok(Self { surface, us, vs, leaves, max_leaves, cells, joints, is_pole_u, is_pole_v })
+    }
+
+    /// Divides all spans until a closed surface has enough cells around, and one with two poles enough cells between them.
+    fn divide_for_joints(&mut self) -> Result<(), MeshError> {
+        fn needs(is_closed: bool, is_pole: &[bool]) -> usize {
+            let has_poles = is_pole.first() == Some(&true) && is_pole.last() == Some(&true);
+            if is_closed { MIN_AROUND } else { 1 + usize::from(has_poles) }
+        }
+        let [rows, columns] = [&self.us, &self.vs].map(|ends| ends.len() - 1);
+        let is_few = |parts: usize, this: &Self| {
+            rows * parts < needs(this.joints.is_closed_u, &this.is_pole_u)
+                || columns * parts < needs(this.joints.is_closed_v, &this.is_pole_v)
+        };
+        let mut parts = 1;
+        while is_few(parts, self) {
+            let undivided = (0..self.cells.len()).filter(|&cell| self.cells[cell].quarters == 0);
+            for cell in undivided.collect::<Vec<_>>() {
+                self.divide(cell)?;
+            }
+            parts *= 2;
+        }
+        Ok(())
     }
 
     /// Divides cells until all of them are flat.
     fn refine(&mut self, tolerance: f64) -> Result<(), MeshError> {
-        let mut open: Vec<usize> = (0..self.cells.len()).collect();
+        let mut open: Vec<usize> =
+            (0..self.cells.len()).filter(|&cell| self.cells[cell].quarters == 0).collect();
         while !open.is_empty() {
             let bent = open.par_iter().with_min_len(16).filter(|&&cell| {
                 let cell = &self.cells[cell];
@@ -149,18 +183,32 @@ impl<'a> Tree<'a> {
         index
     }
 
-    /// For each of a cell's four sides, the undivided cell outside of it that touches the start of the side; `None` outside of the domain.
-    /// The sides are counter-clockwise, in the order of [`ring`](Self::ring).
+    /// For each of a cell's four sides, the undivided cell outside of it that touches the start of the side; `None` outside of the domain,
+    /// unless the surface is closed there. The sides are counter-clockwise, in the order of [`ring`](Self::ring).
     fn neighbors(&self, cell: &Cell) -> [Option<usize>; 4] {
         let Cell { x, y, side, .. } = *cell;
         let (right, bottom) = (x + side, y + side);
-        let (end_x, end_y) = ((self.us.len() - 1) as u32 * SPAN, (self.vs.len() - 1) as u32 * SPAN);
+        let [end_x, end_y] = self.ends();
+        let before = |at: u32, end: u32, is_closed: bool| match at {
+            0 => is_closed.then_some(end - 1),
+            _ => Some(at - 1),
+        };
+        let after = |at: u32, end: u32, is_closed: bool| match at < end {
+            true => Some(at),
+            false => is_closed.then_some(0),
+        };
+        let (closed_x, closed_y) = (self.joints.is_closed_u, self.joints.is_closed_v);
         [
-            (y > 0).then(|| self.find(x, y - 1)),
-            (right < end_x).then(|| self.find(right, y)),
-            (bottom < end_y).then(|| self.find(x, bottom)),
-            (x > 0).then(|| self.find(x - 1, y)),
+            before(y, end_y, closed_y).map(|y| self.find(x, y)),
+            after(right, end_x, closed_x).map(|x| self.find(x, y)),
+            after(bottom, end_y, closed_y).map(|y| self.find(x, y)),
+            before(x, end_x, closed_x).map(|x| self.find(x, y)),
         ]
+    }
+
+    /// The positions of the last row and of the last column.
+    fn ends(&self) -> [u32; 2] {
+        [&self.us, &self.vs].map(|ends| (ends.len() - 1) as u32 * SPAN)
     }
 
     /// The vertices around a cell, including those in the middle of the cell's sides.
@@ -225,10 +273,16 @@ impl<'a> Tree<'a> {
 
     fn mesh(&self) -> Result<Mesh, MeshError> {
         let leaves = || self.cells.iter().filter(|cell| cell.quarters == 0);
-        let rings: Vec<(Vec<u64>, u64)> = leaves()
-            .map(|cell| (self.ring(cell), key([cell.x + cell.side / 2, cell.y + cell.side / 2])))
+        let rings: Vec<(Vec<Vertex>, Vertex)> = leaves()
+            .map(|cell| {
+                let center = [cell.x + cell.side / 2, cell.y + cell.side / 2];
+                let ring = self.ring(cell).into_iter();
+                let ring =
+                    ring.map(|place| Vertex { place, is_after: self.is_after_pole(place, cell) });
+                (ring.collect(), Vertex { place: key(center), is_after: false })
+            })
             .collect();
-        let mut vertices: Vec<u64> = Vec::with_capacity(2 * rings.len());
+        let mut vertices: Vec<Vertex> = Vec::with_capacity(2 * rings.len());
         for (ring, center) in &rings {
             vertices.extend(ring);
             if ring.len() > 4 {
@@ -237,7 +291,7 @@ impl<'a> Tree<'a> {
         }
         vertices.par_sort_unstable();
         vertices.dedup();
-        fn index(vertex: u64, vertices: &[u64]) -> u32 {
+        fn index(vertex: Vertex, vertices: &[Vertex]) -> u32 {
             vertices.partition_point(|&other| other < vertex) as u32
         }
         let (mut sides, mut corners) = (Vec::new(), Vec::new());
@@ -254,20 +308,84 @@ impl<'a> Tree<'a> {
                 }
             }
         }
-        let at = |&vertex: &u64| self.parameters((vertex >> 32) as u32, vertex as u32);
-        let (points, normals): (Vec<_>, Vec<[f64; 3]>) = (vertices.par_iter().map(at))
-            .map(|[u, v]| {
-                let normal = self.surface.normal(u, v).map_or(Vector3::zeros(), Unit::into_inner);
-                (self.surface.point(u, v), <[f64; 3]>::from(normal))
+        let at = |vertex: &Vertex| {
+            let [x, y] = position(vertex.place);
+            self.parameters(x, y)
+        };
+        let (points, normals): (Vec<_>, Vec<_>) = (vertices.par_iter())
+            .map(|vertex| {
+                let [u, v] = at(vertex);
+                (self.surface.point(u, v), self.normal(*vertex))
             })
             .unzip();
         let (us, vs): (Vec<f64>, Vec<f64>) = vertices.iter().map(at).map(|[u, v]| (u, v)).unzip();
         let uv = to_unit(&self.surface.u, &us).into_iter().zip(to_unit(&self.surface.v, &vs));
-        Mesh::new(points, Faces::polygons(&sides, corners)?)?
-            .with_vertex("uv", Attribute::Pair(uv.map(|(u, v)| [u, v]).collect()))?
-            .with_frame(self.surface.net.frame().copied())
-            .with_vertex("normal", Attribute::Vector(normals.into()))
+        let uv = uv.map(|(u, v)| [u, v]).collect();
+        let open = OpenMesh { points, normals, uv, faces: Faces::polygons(&sides, corners)? };
+        let mesh = match self.join(&vertices) {
+            Some(mut joined) => open.join(&mut joined)?,
+            None => open.into_mesh()?,
+        };
+        Ok(mesh.with_frame(self.surface.net.frame().copied()))
     }
+
+    /// Joins the vertices, which are sorted, at seams and poles. Returns `None` if there are neither.
+    fn join(&self, vertices: &[Vertex]) -> Option<UnionFind> {
+        let mut joined = UnionFind::new(vertices.len());
+        let mut is_joined = false;
+        let [end_x, end_y] = self.ends();
+        for (number, vertex) in (0..).zip(vertices) {
+            let [x, y] = position(vertex.place);
+            let seam_u = (self.joints.is_closed_u && x == end_x).then_some([0, y]);
+            let seam_v = (self.joints.is_closed_v && y == end_y).then_some([x, 0]);
+            let pole_u = is_pole(&self.is_pole_u, x).then_some([x, 0]);
+            let pole_v = is_pole(&self.is_pole_v, y).then_some([0, y]);
+            for place in [seam_u, seam_v, pole_u, pole_v].into_iter().flatten().map(key) {
+                if let Ok(other) = vertices.binary_search(&Vertex { place, ..*vertex }) {
+                    is_joined |= other as u32 != number;
+                    joined.union(number, other as u32);
+                }
+            }
+        }
+        is_joined.then_some(joined)
+    }
+
+    /// Returns true if there is a pole that is not at an end of the domain, and the cell comes after it.
+    fn is_after_pole(&self, place: u64, cell: &Cell) -> bool {
+        let [x, y] = position(place);
+        fn is_inner(is_pole_at: &[bool], at: u32) -> bool {
+            let span = (at / SPAN) as usize;
+            is_pole(is_pole_at, at) && 0 < span && span + 1 < is_pole_at.len()
+        }
+        x == cell.x && is_inner(&self.is_pole_u, x) || y == cell.y && is_inner(&self.is_pole_v, y)
+    }
+
+    fn normal(&self, vertex: Vertex) -> Vector3<f64> {
+        let [x, y] = position(vertex.place);
+        let at = self.parameters(x, y);
+        if is_pole(&self.is_pole_u, x) {
+            let is_before = !vertex.is_after && 0 < x;
+            return self.joints.normal_beside(ParameterDirection::U, at, is_before);
+        }
+        if is_pole(&self.is_pole_v, y) {
+            let is_before = !vertex.is_after && 0 < y;
+            return self.joints.normal_beside(ParameterDirection::V, at, is_before);
+        }
+        self.surface.normal(at[0], at[1]).map_or(Vector3::zeros(), Unit::into_inner)
+    }
+}
+
+/// A vertex of the tessellation. The cells before and after a pole between them have separate vertices there.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Vertex {
+    place: u64,
+    /// True if the vertex belongs to the cells after a pole that is not at an end of the domain.
+    is_after: bool,
+}
+
+/// Returns true if a position is at the end of a span where the surface has only one point.
+fn is_pole(is_pole_at: &[bool], at: u32) -> bool {
+    at % SPAN == 0 && is_pole_at[(at / SPAN) as usize]
 }
 
 /// The maximum of `height` and the distances of the samples of a line from the chord of that line. A distance of NaN counts as the maximum.
@@ -277,6 +395,11 @@ fn max_height(line: &[Point3<f64>; SAMPLES], mut height: f64) -> f64 {
         height = if sample <= height { height } else { sample };
     }
     height
+}
+
+/// The position that [`key`] encodes.
+fn position(key: u64) -> [u32; 2] {
+    [(key >> 32) as u32, key as u32]
 }
 
 /// Encodes a position as one number. The order of the numbers is row by row.

@@ -2,9 +2,11 @@
 
 use nalgebra::Point3;
 
-use super::super::{Attribute, Faces, KnotVector, Mesh, MeshError};
+use super::super::{Faces, KnotVector, Mesh, MeshError};
+use super::joints::{Joints, MIN_AROUND, OpenMesh};
 use super::{ParameterDirection, Surface};
 use crate::mesh::diagonal;
+use crate::union_find::UnionFind;
 
 /// The maximum distance between the mesh and the surface, as a fraction of the diagonal of the control points' bounding box. At 1/1000 the
 /// distance is invisible in a picture of 1000 pixels.
@@ -23,9 +25,28 @@ impl Surface {
     /// the outside if the net came from a capture. The vertex attributes are `uv`, the parameters scaled to 0..1, and `normal`, the exact
     /// normals.
     ///
+    /// A surface that is closed in a direction has one row of vertices at its seam, if it has at least three quads around. A row or column
+    /// in one place, a pole, is one vertex, around which there are triangles. Then `uv` belongs to corners: at the far side of a seam it is
+    /// 1, and at a pole each triangle has the mean of its two columns. Normals belong to corners, too, if the surface has an edge at its
+    /// seam or a tip at a pole.
+    ///
     /// # Errors
     /// If there are more quads than a mesh can hold, or a point is not finite because the net's numbers are too large.
     pub fn tessellate(&self, u: usize, v: usize) -> Result<Mesh, MeshError> {
+        let (open, us, vs) = self.open_grid(u, v)?;
+        Ok(self.join_grid(open, [&us, &vs])?.with_frame(self.net.frame().copied()))
+    }
+
+    /// The mesh of [`tessellate`](Self::tessellate) for the given `u` and `v` with one vertex for each pair of parameters: its seams are open.
+    ///
+    /// # Errors
+    /// The errors of [`tessellate`](Self::tessellate).
+    pub fn tessellate_open(&self, u: usize, v: usize) -> Result<Mesh, MeshError> {
+        Ok(self.open_grid(u, v)?.0.into_mesh()?.with_frame(self.net.frame().copied()))
+    }
+
+    /// The mesh of quads without joints, and the parameters of its rows and columns.
+    fn open_grid(&self, u: usize, v: usize) -> Result<(OpenMesh, Vec<f64>, Vec<f64>), MeshError> {
         fn corners(u: usize, v: usize) -> usize {
             u.saturating_mul(v).saturating_mul(4)
         }
@@ -43,12 +64,92 @@ impl Surface {
         check(corners(us.len(), vs.len()))?;
         let (points, normals) = self.normal_grid(&us, &vs);
         let (unit_u, unit_v) = (to_unit(&self.u, &us), to_unit(&self.v, &vs));
-        let uv = unit_u.iter().flat_map(|&u| unit_v.iter().map(move |&v| [u, v]));
-        let normals = normals.into_iter().map(<[f64; 3]>::from);
-        Mesh::new(points, quads(us.len(), vs.len())?)?
-            .with_vertex("uv", Attribute::Pair(uv.collect()))?
-            .with_frame(self.net.frame().copied())
-            .with_vertex("normal", Attribute::Vector(normals.collect()))
+        let uv = unit_u.iter().flat_map(|&u| unit_v.iter().map(move |&v| [u, v])).collect();
+        let faces = quads(us.len(), vs.len())?;
+        Ok((OpenMesh { points, normals, uv, faces }, us, vs))
+    }
+
+    /// Joins a grid of quads at seams and poles. At a pole between two rows or columns both sides remain separate.
+    fn join_grid(&self, mut open: OpenMesh, [us, vs]: [&[f64]; 2]) -> Result<Mesh, MeshError> {
+        let (rows, columns) = (us.len(), vs.len());
+        let joints = Joints::new(self);
+        let vertex = |row: usize, column: usize| (row * columns + column) as u32;
+        // The points of the grid decide quickly for most lines that they are not poles.
+        let is_pole_u = |row: &usize| {
+            (1..columns).all(|column| joints.is_close(&open, vertex(*row, 0), vertex(*row, column)))
+                && joints.is_pole(ParameterDirection::U, us[*row])
+        };
+        let is_pole_v = |column: &usize| {
+            (1..rows).all(|row| joints.is_close(&open, vertex(0, *column), vertex(row, *column)))
+                && joints.is_pole(ParameterDirection::V, vs[*column])
+        };
+        let poles_u: Vec<usize> = (0..rows).filter(is_pole_u).collect();
+        let poles_v: Vec<usize> = (0..columns).filter(is_pole_v).collect();
+        let is_closed_u = joints.is_closed_u && MIN_AROUND < rows;
+        let is_closed_v = joints.is_closed_v && MIN_AROUND < columns;
+        if !is_closed_u && !is_closed_v && poles_u.is_empty() && poles_v.is_empty() {
+            return open.into_mesh();
+        }
+        let inner = |poles: &[usize], end: usize| -> Vec<usize> {
+            poles.iter().copied().filter(|&pole| 0 < pole && pole + 1 < end).collect()
+        };
+        let (inner_u, inner_v) = (inner(&poles_u, rows), inner(&poles_v, columns));
+        let lines_u = poles_u
+            .iter()
+            .map(|&row| (row, 0 < row))
+            .chain(inner_u.iter().map(|&row| (row, false)));
+        let lines_v = poles_v.iter().map(|&column| (column, 0 < column));
+        let lines_v = lines_v.chain(inner_v.iter().map(|&column| (column, false)));
+        let mut pole_sets: Vec<Vec<u32>> = Vec::new();
+        // The vertices before a pole, or after it if it is the first line, exist already. Those after an inner pole are added.
+        for (k, (row, is_before)) in lines_u.enumerate() {
+            let is_new = poles_u.len() <= k;
+            let line = (0..columns).map(|column| {
+                let normal =
+                    joints.normal_beside(ParameterDirection::U, [us[row], vs[column]], is_before);
+                open.set_normal(vertex(row, column), normal, is_new)
+            });
+            pole_sets.push(line.collect());
+        }
+        let first_of_v = open.points.len() as u32;
+        for (k, (column, is_before)) in lines_v.enumerate() {
+            let is_new = poles_v.len() <= k;
+            let line = (0..rows).map(|row| {
+                let normal =
+                    joints.normal_beside(ParameterDirection::V, [us[row], vs[column]], is_before);
+                open.set_normal(vertex(row, column), normal, is_new)
+            });
+            pole_sets.push(line.collect());
+        }
+        let after = |poles: &[usize], at: usize, first: u32, length: usize, index: usize| {
+            poles.binary_search(&at).ok().map(|k| first + (k * length + index) as u32)
+        };
+        let first_of_u = (rows * columns) as u32;
+        let mut corners = Vec::with_capacity(4 * (rows - 1) * (columns - 1));
+        for row in 0..rows - 1 {
+            for column in 0..columns - 1 {
+                let ring =
+                    [(row, column), (row + 1, column), (row + 1, column + 1), (row, column + 1)];
+                corners.extend(ring.map(|(r, c)| {
+                    let after_u = (r == row).then(|| after(&inner_u, r, first_of_u, columns, c));
+                    let after_v = (c == column).then(|| after(&inner_v, c, first_of_v, rows, r));
+                    after_u.flatten().or(after_v.flatten()).unwrap_or(vertex(r, c))
+                }));
+            }
+        }
+        open.faces = Faces::uniform(4, corners)?;
+        let mut joined = UnionFind::new(open.points.len());
+        if is_closed_u {
+            (0..columns)
+                .for_each(|column| joined.union(vertex(0, column), vertex(rows - 1, column)));
+        }
+        if is_closed_v {
+            (0..rows).for_each(|row| joined.union(vertex(row, 0), vertex(row, columns - 1)));
+        }
+        for set in pole_sets {
+            set.iter().for_each(|&vertex| joined.union(set[0], vertex));
+        }
+        open.join(&mut joined)
     }
 
     /// Parameters in one direction, close enough to keep the chords within the tolerance `CHORD` of the surface.

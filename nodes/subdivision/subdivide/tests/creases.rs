@@ -170,6 +170,30 @@ fn smooth_corner_data_are_as_smooth_as_places() {
 }
 
 #[test]
+fn smooth_data_of_vertices_are_as_smooth_as_places_without_creases() {
+    let mesh = scattered_polygons(sheet(3, 4, false));
+    let positions = mesh.positions().iter().map(|&point| point.into()).collect();
+    let mesh = mesh.with_vertex("place", Attribute::Vector(positions)).unwrap();
+    let creased = mesh.clone().with_creases([([0, 1], 3.0), ([1, 2], 1.5)]).unwrap();
+    for boundary in [Boundary::EdgeOnly, Boundary::EdgeAndCorner, Boundary::None] {
+        for levels in 0..3 {
+            let corners = Corners::Smooth;
+            let how = Subdivision {
+                corners,
+                ..scheme_options(Scheme::CatmullClark, levels, false, boundary)
+            };
+            let plain = subdivide(&mesh, how).unwrap();
+            let places = plain.vertex().vectors("place").unwrap();
+            for (position, &place) in plain.positions().iter().zip(places.iter()) {
+                assert!((position - Point3::from(place)).norm() < 1e-15, "{boundary:?}");
+            }
+            let creased = subdivide(&creased, how).unwrap();
+            assert_eq!(creased.vertex().vectors("place"), Some(places), "{boundary:?} {levels}");
+        }
+    }
+}
+
+#[test]
 fn by_doo_and_sabin_a_seam_is_not_blurred() {
     let refined =
         subdivide(&seam(), scheme_options(Scheme::DooSabin, 2, false, Boundary::EdgeOnly)).unwrap();
