@@ -43,6 +43,22 @@ impl Expectation {
                 message: "Count needs a field `min` or `max`".into(),
                 help: "without a limit, any number is valid".into(),
             }),
+            Self::Continuity { order, limit, max, curvature, .. } => {
+                let message = match (order, limit, max) {
+                    (Some(_), Some(_), None) if curvature.is_none() => return None,
+                    (None, None, Some(_)) => return None,
+                    (Some(_), Some(_), _) => {
+                        "Continuity has `max` or `curvature` beside `order` and `limit`"
+                    }
+                    _ => "Continuity needs `order` and `limit`, or `max`",
+                };
+                Some(Contradiction {
+                    field: "",
+                    code: code::MISSING_FIELD,
+                    message: message.into(),
+                    help: "write `order: G1, limit: 5`, or `max: 5, curvature: 0.1`".into(),
+                })
+            }
             Self::Count { min: Some(min), max: Some(max), .. }
             | Self::Attribute { min: Some(min), max: Some(max), .. }
                 if max < min =>

@@ -37,9 +37,9 @@ pub(super) const MIN_SINE: f64 = 1e-12;
 /// have.
 pub(super) const NOISE: f64 = 1e-13;
 
-/// The maximum length of a tangent along a pole, as a fraction of the size of the control points that affect it. Control points of a pole that
-/// came from a file or an iteration differ by rounding errors in single precision or by a tolerance, and the tangents between them have
-/// random directions.
+/// The maximum length of a tangent along a pole, as a fraction of the size of the control points that affect it. Control points of a pole
+/// that came from a file or an iteration differ by rounding errors in single precision or by a tolerance, and the tangents between them
+/// have random directions.
 pub(super) const POLE: f64 = 1e-6;
 
 /// The step inward from a point without a normal to the point where the normal is taken instead, as a fraction of the domain. The step is
@@ -80,8 +80,9 @@ impl Surface {
     }
 
     /// The unit normal at (u, v), on the side of `S_u x S_v`. If the two tangents do not span a plane (at a collapsed edge, or a pole whose
-    /// control points differ by up to a millionth of the size of the nearby ones), the normal is taken further inward, by 1e-4 of the domain: first along the longer tangent, then along the other one, then along both.
-    /// `None` if none of these points has a normal either.
+    /// control points differ by up to a millionth of the size of the nearby ones), the normal is taken further inward, by 1e-4 of the
+    /// domain: first along the longer tangent, then along the other one, then along both. `None` if none of these points has a normal
+    /// either.
     ///
     /// If the net came from a capture, its rows run down and its columns run to the right. Then the side of the normal is the side of the
     /// sensor.

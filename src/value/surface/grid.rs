@@ -103,9 +103,9 @@ impl Surface {
     /// derivatives by u and by v.
     ///
     /// With A = (w S, w), the tangent `(A_u - w_u S) / w` has the direction of `A_u - w_u S`, and the normal has the direction of the cross
-    /// product of two such vectors. The exception is a tangent that may be only a rounding error of zero, or one along a pole. The parameters
-    /// `noise_` are the squares of such tangents for errors of size 1, and `pole_sq` is the square of the largest error of the control
-    /// points of a pole. Where a tangent is so small, [`normal`](Self::normal) decides by the control points near that point.
+    /// product of two such vectors. The exception is a tangent that may be only a rounding error of zero, or one along a pole. The
+    /// parameters `noise_` are the squares of such tangents for errors of size 1, and `pole_sq` is the square of the largest error of the
+    /// control points of a pole. Where a tangent is so small, [`normal`](Self::normal) decides by the control points near that point.
     #[inline(always)]
     fn write_normals(
         &self,
