@@ -110,6 +110,7 @@ impl Node for Interpolate {
     }
 
     fn check(&self) -> Result<(), FieldError> {
+        self.scheme.check_limit_field()?;
         self.options.how.check_fields()
     }
 

@@ -71,8 +71,8 @@ impl Node for InterpolateSurface {
 /// one point, which they share exactly, because control points that differ by the tolerance would turn normals over.
 ///
 /// # Errors
-/// If there are fewer points than the order, rows or columns coincide, the solver does not support the foot and direction, or the evaluation is
-/// cancelled.
+/// If there are fewer points than the order, rows or columns coincide, the solver does not support the foot and direction, or the
+/// evaluation is cancelled.
 pub fn interpolate_surface(
     net: &ControlNet,
     order: [usize; 2],
