@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Body, Help, Kind, LocalDiagnostic, Tree, nearest_or_all, with_article};
-use maquette_value::{Meaning, Region, Value as _, ValueType, value_counts};
+use maquette_value::{Meaning, RangeImage, Region, Value as _, ValueType, value_counts};
 
 use crate::Expectation;
 
@@ -106,7 +106,12 @@ impl Expectation {
                 is_not(given, "of", "which has no positions")
             }
             _ => {
-                if let Some(given) = flat(0) {
+                // `Blend` measures the seam of a range image.
+                let is_seam = |kind: &ValueType| {
+                    matches!(self, Self::Continuity { order: Some(_), .. })
+                        && kind.name == RangeImage::NAME
+                };
+                if let Some(given) = flat(0).filter(|(_, kind)| !is_seam(kind)) {
                     return is_not(given, "of", "which has no faces");
                 }
                 match self {
