@@ -48,3 +48,10 @@ pub fn parameters(
     }
     sums.iter().map(|sum| sum / counted).collect()
 }
+
+/// Returns the index of the first line (row or column) whose points coincide with those of the line before, given the parameters of all
+/// lines. `None` if there is none.
+pub fn coincident_line(parameters: &[f64]) -> Option<usize> {
+    let extent = parameters.last()? - parameters.first()?;
+    (1..parameters.len()).find(|&k| parameters[k] - parameters[k - 1] <= 1e-12 * extent)
+}

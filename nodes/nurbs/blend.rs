@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use super::blend_mode::BlendMode;
 use super::grid::canvas::Canvas;
+use super::grid::continuity::measure_gaps;
 use super::grid::fold::folded_cells;
 use super::grid::refine::{refine, refined_range};
 use super::grid::seam::{Seam, seam};
@@ -25,6 +26,10 @@ use super::grid::seam::{Seam, seam};
 ///
 /// The region stays connected to its surroundings, however steep the surface becomes, also where the sensor saw past the region's edge.
 /// Shadows at the border of the region, which would leave a gap, are filled.
+///
+/// The result carries the largest angle between normals (G1) and the largest gap of curvature (G2) across the border of the region, which
+/// `maquette inspect` shows and `Continuity(of: .., order: G1, limit: ..)` in `expect` limits. They are measured by quadratic functions
+/// that are fitted to the cells near the border on each side, so the roughness of a scan counts, too.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Blend {
     /// The range image to change.
@@ -183,7 +188,9 @@ pub fn blend(
         range.with_points(points)?.with_filled(filled)?
     };
     let joined = joined_triangles(&canvas, &own, &range);
-    Ok(BlendedRange { range: range.with_joined(joined)?, folded, seam })
+    let range = range.with_joined(joined)?;
+    let gaps = measure_gaps(&own.inside, range.points());
+    Ok(BlendedRange { range: range.with_seam(gaps), folded, seam })
 }
 
 /// Updates `made`, the last result of [`blend`] with an undivided grid, for a changed surface.
@@ -208,7 +215,10 @@ fn follow(
     let runs = region.cells().chunk_by(|before, cell| before + 1 == *cell);
     let rows: Vec<_> = runs.map(|run| run[0]..run[0] + run.len() as u32).collect();
     let moved = region.cells().iter().map(|&cell| points[cell as usize]).collect();
-    Ok(BlendedRange { range: made.with_moved(&rows, moved), folded, seam })
+    let inside = inside_cells(&canvas);
+    let range = made.with_moved(&rows, moved);
+    let gaps = measure_gaps(&inside, range.points());
+    Ok(BlendedRange { range: range.with_seam(gaps), folded, seam })
 }
 
 /// The points of all cells of a canvas (range grid) after a surface was written to it, with the number of folded cells and the seam.
@@ -250,11 +260,16 @@ struct Neighborhood {
     near: Mask,
 }
 
+/// Returns the mask of the cells that change.
+fn inside_cells(canvas: &Canvas) -> Mask {
+    let mut inside = vec![0; canvas.points.len()];
+    canvas.targets.iter().for_each(|target| inside[target.cell] = 1);
+    Mask::new(canvas.width, canvas.height, inside).expect("a value for each cell")
+}
+
 impl Neighborhood {
     fn new(canvas: &Canvas) -> Self {
-        let mut inside = vec![0; canvas.points.len()];
-        canvas.targets.iter().for_each(|target| inside[target.cell] = 1);
-        let inside = Mask::new(canvas.width, canvas.height, inside).expect("a value for each cell");
+        let inside = inside_cells(canvas);
         Self { near: dilate(&inside, MAX_GAP_DISTANCE), inside }
     }
 

@@ -308,4 +308,23 @@ mod tests {
         let crowded = error(&crowded, [3, 3], FitMethod::Interpolate);
         assert_eq!(crowded, "knot 0 is repeated 5 times; at most 3 are allowed there");
     }
+
+    #[test]
+    fn rows_in_one_place_are_named() {
+        let mut points = waves(6, 5).points().to_vec();
+        points.copy_within(5..10, 10);
+        let doubled = value::ControlNet::new(6, 5, points).unwrap();
+        for kind in [FitParameters::Chord, FitParameters::Centripetal] {
+            let fit = |method| {
+                fit_surface(&doubled, [4, 4], method, kind, &Progress::silent())
+                    .map_err(|error| error.to_string())
+            };
+            assert_eq!(
+                fit(FitMethod::Interpolate).unwrap_err(),
+                "the points along U do not determine the surface: rows 1 and 2 of the net, counted from 0, are in one place; remove one of them, or \
+                 use `method: LeastSquares` with fewer rows"
+            );
+            assert!(fit(FitMethod::LeastSquares { rows: 5, columns: 0 }).is_ok());
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! Regions of a range grid: their cells, triangles and borders, and surfaces that are written back to them.
 
 pub(super) mod canvas;
+pub(super) mod continuity;
 pub(super) mod disk;
 pub(super) mod distance;
 pub(super) mod fold;

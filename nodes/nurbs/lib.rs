@@ -18,6 +18,7 @@ mod net;
 mod nurbs;
 mod offset_net;
 mod point_net;
+mod read_net;
 mod revolve;
 mod tessellate;
 mod weights;
@@ -38,6 +39,7 @@ pub use net::profile::Profile;
 pub use nurbs::{Nurbs, nurbs};
 pub use offset_net::{OffsetNet, OffsetStep, offset_net};
 pub use point_net::{PointNet, point_net};
+pub use read_net::ReadNet;
 pub use revolve::{Revolve, revolve, revolve_curve};
 pub use tessellate::{Tessellate, tessellate};
 pub use weights::{Weights, weights, weights_inside};
@@ -51,6 +53,7 @@ pub static PACK: Pack = Pack {
         node::<ControlNet>(),
         node::<OffsetNet>(),
         node::<PointNet>(),
+        node::<ReadNet>(),
         node::<Revolve>(),
         node::<Loft>(),
         node::<Weights>(),

@@ -10,8 +10,9 @@ use super::grid::within::points_in_region;
 
 /// Changes the weights of control points: how strongly they attract the surface.
 ///
-/// Each weight is multiplied by `all`, by its row's factor, by its column's factor, and inside `region` by `inside`. Only ratios matter:
-/// the same factor for all points has no effect. A factor of 0 removes a point's effect.
+/// Each weight is multiplied by `all`, by its row's factor, by its column's factor, by its own factor in `points`, and inside `region` by
+/// `inside`. Only ratios matter: the same factor for all points has no effect. A weight that is not greater than 0 is an error; a factor of
+/// 1e-6 all but removes the effect of a point.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Weights {
     /// The net.
@@ -30,6 +31,9 @@ pub struct Weights {
     #[schemars(inner(range(min = 0.0, max = 1000.0)))]
     #[serde(default)]
     pub columns: Vec<f64>,
+    /// Factor for each control point, greater than 0: a list of rows, as the net has; empty means 1.
+    #[serde(default)]
+    pub points: Vec<Vec<f64>>,
     /// Factor for every point whose cell is in `region`.
     #[schemars(range(min = 0.0, max = 1000.0))]
     #[serde(default = "default_factor")]
@@ -46,19 +50,68 @@ impl Node for Weights {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let net = cx.get(&self.net);
-        let changed = weights(net, self.all, &self.rows, &self.columns)?;
+        let mut changed = weights(net, self.all, &self.rows, &self.columns)?;
+        if !self.points.is_empty() {
+            let factors = point_weights(net, &self.points)?;
+            let pairs = changed.weights().iter().zip(factors);
+            let product = pairs.map(|(weight, factor)| weight * factor).collect();
+            changed = changed.with_weights(product)?;
+        }
         let Some(region) = &self.region else {
             if self.inside != 1.0 {
                 cx.warn("`inside` changes nothing without a region");
             }
+            check_positive(&changed)?;
             return Ok((changed,));
         };
         let region = cx.get(region);
         if !points_in_region(net, region)?.contains(&1) {
             cx.warn("no control point is in the region");
         }
-        Ok((weights_inside(&changed, region, self.inside)?,))
+        let changed = weights_inside(&changed, region, self.inside)?;
+        check_positive(&changed)?;
+        Ok((changed,))
     }
+}
+
+/// Checks that all weights of a net are greater than 0.
+fn check_positive(net: &value::ControlNet) -> Result<(), Error> {
+    match net.weights().iter().position(|weight| *weight <= 0.0) {
+        Some(index) => {
+            Err(not_positive(index / net.columns(), index % net.columns(), net.weights()[index]))
+        }
+        None => Ok(()),
+    }
+}
+
+fn not_positive(row: usize, column: usize, weight: f64) -> Error {
+    Error::new(format!(
+        "the weight of control point ({row}, {column}) is {weight}; expected a weight greater than 0"
+    ))
+}
+
+/// Returns the given rows of weights or factors as one list, for the points of `net` row by row.
+///
+/// # Errors
+/// Returns an error if there is not one number for each point, or a number is not greater than 0.
+pub(crate) fn point_weights(
+    net: &value::ControlNet,
+    weights: &[Vec<f64>],
+) -> Result<Vec<f64>, Error> {
+    if weights.len() != net.rows() {
+        bail!("{} rows of weights are given, the net has {} rows", weights.len(), net.rows());
+    }
+    for (row, weights) in weights.iter().enumerate() {
+        if weights.len() != net.columns() {
+            bail!("row {row} has {} weights, the net has {} columns", weights.len(), net.columns());
+        }
+        if let Some(column) =
+            weights.iter().position(|weight| !(*weight > 0.0 && weight.is_finite()))
+        {
+            return Err(not_positive(row, column, weights[column]));
+        }
+    }
+    Ok(weights.concat())
 }
 
 /// Returns the net with each weight multiplied by `all`, by its row's factor and by its column's factor; an empty list means factors of 1.
@@ -156,6 +209,24 @@ mod tests {
         assert_eq!(once.weights(), [1.5, 0.0, 3.0, 0.0]);
         let twice = weights(&once, 2.0, &[], &[]).unwrap();
         assert_eq!(twice.weights(), [3.0, 0.0, 6.0, 0.0]);
+    }
+
+    #[test]
+    fn weights_that_are_not_positive_are_named() {
+        let zero = weights(&net(), 1.0, &[1.0, 0.0], &[]).unwrap();
+        let error = check_positive(&zero).unwrap_err().to_string();
+        assert_eq!(
+            error,
+            "the weight of control point (1, 0) is 0; expected a weight greater than 0"
+        );
+        assert!(check_positive(&net()).is_ok());
+        let negative = point_weights(&net(), &[vec![1.0, 2.0], vec![3.0, -0.5]]).unwrap_err();
+        assert_eq!(
+            negative.to_string(),
+            "the weight of control point (1, 1) is -0.5; expected a weight greater than 0"
+        );
+        assert!(point_weights(&net(), &[vec![1.0, f64::NAN], vec![1.0, 1.0]]).is_err());
+        assert!(point_weights(&net(), &[vec![1.0, 1.0]]).is_err());
     }
 
     #[test]

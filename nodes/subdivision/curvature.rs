@@ -1,6 +1,6 @@
 //! Curvature of a surface at each vertex.
 
-use maquette_node::{Carry, Context, Error, In, Node, Progress, Promise, Transfer};
+use maquette_node::{Carry, Context, Error, FieldError, In, Node, Progress, Promise, Transfer};
 use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -74,6 +74,13 @@ impl Node for Curvature {
 
     const CARRIES: &'static [Carry] =
         &[Carry::uniform("mesh", "mesh", Transfer::Kept).excluding(&["color"])];
+
+    fn check(&self) -> Result<(), FieldError> {
+        match self.method {
+            CurvatureMethod::Limit => self.scheme.check_limit_field(),
+            CurvatureMethod::Mesh | CurvatureMethod::Fit => Ok(()),
+        }
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (mesh, progress) = (cx.get(&self.mesh), cx.progress());

@@ -22,10 +22,11 @@ mod surroundings;
 
 /// Fits a Loop subdivision surface to points by moving its control points.
 ///
-/// Start with a dense mesh of the points, reduced by `Simplify`. Creases and borders stay sharp, so that the surface is piecewise smooth.
-/// With `moves: ByEnergy()` the faces change, too: vertices are removed where the surface is simple and added where it is not, edges become
-/// sharp or smooth as the scan requires, and a smooth part that would fold at the corner of a hole is divided by a sharp edge. Points
-/// farther from the mesh than two edges of the control mesh are ignored: they belong to parts that the mesh does not have.
+/// Start with a dense mesh of the points, reduced by `Simplify` or, with even triangles, by `Remesh`. Smoothing acts across the surface
+/// only; control points do not move where the surface would fold over. Creases and borders stay sharp, so that the surface is piecewise
+/// smooth. With `moves: ByEnergy()` the faces change, too: vertices are removed where the surface is simple and added where it is not,
+/// edges become sharp or smooth as the scan requires, and a smooth part that would fold at the corner of a hole is divided by a sharp edge.
+/// Points farther from the mesh than two edges of the control mesh are ignored: they belong to parts that the mesh does not have.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FitSubdivision {
     /// Control mesh to start with, of triangles.
@@ -122,6 +123,17 @@ impl Node for FitSubdivision {
         if 0 < fitted.left_out {
             let (count, all) = (fitted.left_out, points.len());
             cx.warn(format!("{count} of {all} points are too far from the mesh and were ignored"));
+        }
+        if let Some(&first) = fitted.folds.first() {
+            let corner = fitted.mesh.faces().face(first as usize)[0];
+            let at = fitted.mesh.positions()[corner as usize];
+            cx.warn(format!(
+                "the surface folds over at {} faces of the control mesh, first near ({:.3}, {:.3}, {:.3}); start with even triangles, by `Remesh`",
+                fitted.folds.len(),
+                at.x,
+                at.y,
+                at.z
+            ));
         }
         Ok((fitted.mesh, fitted.trace))
     }

@@ -110,6 +110,7 @@ impl Node for Interpolate {
     }
 
     fn check(&self) -> Result<(), FieldError> {
+        self.scheme.check_limit_field()?;
         self.options.how.check_fields()
     }
 
@@ -235,12 +236,13 @@ fn interpolate_with(
         }
     };
     if !solver_options.is_linear()
+        && solution.outcome.end != End::Settled
         && let Some(stray) = stray(&solution.outcome.control, points, sample)
     {
         let last = solution.outcome.trace.steps().last().map_or(0, |step| step.iteration as u32);
         solution.outcome.end = End::strayed(last, stray);
     }
-    let found = solution.outcome.try_map(|control| mesh.with_positions(control))?;
+    let found = solution.outcome.try_map(points, |control| mesh.with_positions(control))?;
     Ok(InterpolationResult { shape: found.shape.without_attribute("normal"), ..found })
 }
 
@@ -285,7 +287,7 @@ fn refined_once(
     let old = limits.positions.head(mesh.positions().len());
     let solution =
         least_squares(&old, refined.positions(), mesh.positions(), &[], options, progress)?;
-    solution.outcome.try_map(|control| refined.with_positions(control))
+    solution.outcome.try_map(mesh.positions(), |control| refined.with_positions(control))
 }
 
 #[cfg(test)]

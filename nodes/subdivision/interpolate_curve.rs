@@ -67,6 +67,17 @@ pub fn interpolate_curve(
     }
     options.check()?;
     let points = curve.points();
+    if let CurveBasis::BSpline(degree) = basis
+        && !curve.is_closed()
+        && points.len() <= degree
+    {
+        bail!(
+            "`BSpline({degree})` needs at least {} points, the open polyline has {}; add points, or use `BSpline({})`",
+            degree + 1,
+            points.len(),
+            points.len() - 1
+        );
+    }
     let family = ControlCurve::new(basis, points, curve.is_closed())?;
     let mut feet = Feet::new(&family, points, options.foot);
     // Within a knot span, each coordinate of the curve has at most as many extrema as the degree of the curve.
@@ -83,7 +94,7 @@ pub fn interpolate_curve(
     let found = solution
         .ok_or_else(|| Error::new("the points do not determine the curve: some coincide"))?
         .outcome;
-    found.try_map(|control| match basis {
+    found.try_map(points, |control| match basis {
         CurveBasis::BSpline(_) => family.curve(&control),
         _ => curve.with_points(control),
     })

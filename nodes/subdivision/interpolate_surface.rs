@@ -1,8 +1,8 @@
 //! Finds the control net of a B-spline surface through a grid of points.
 
 use maquette_base::linear::stencils::Stencils;
-use maquette_base::parameters::parameters;
-use maquette_node::{Context, Error, FieldError, In, Node, Progress};
+use maquette_base::parameters::{coincident_line, parameters};
+use maquette_node::{Context, Error, FieldError, In, Node, Progress, bail};
 use maquette_value::parallel::*;
 use maquette_value::{ControlNet, KnotVector, KnotVectorError, ParameterDirection, Surface, Trace};
 use nalgebra::Point3;
@@ -10,6 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::solve::control_points::control_points;
+use super::solve::extent::absolute_tolerance;
 use super::solve::geometric::{FootPoint, FootSearch, Perpendicular};
 use super::solve::interpolation::{Foot, Interpolation};
 use super::solve::limit_matrix::LimitMatrix;
@@ -66,9 +67,12 @@ impl Node for InterpolateSurface {
 /// nearest surface point: Maekawa, Matsumoto and Namiki, "Interpolation by geometric algorithm" (2007). The collocation matrix `A` is not
 /// symmetric, so `Solver::Pcg` works on `A A^T`.
 ///
+/// If all points of the first or last row or column coincide within the tolerance, the row or column is a pole. Its control points are then
+/// one point, which they share exactly, because control points that differ by the tolerance would turn normals over.
+///
 /// # Errors
-/// If there are fewer points than the order, points coincide, the solver does not support the foot and direction, or the evaluation is
-/// cancelled.
+/// If there are fewer points than the order, rows or columns coincide, the solver does not support the foot and direction, or the
+/// evaluation is cancelled.
 pub fn interpolate_surface(
     net: &ControlNet,
     order: [usize; 2],
@@ -77,23 +81,50 @@ pub fn interpolate_surface(
 ) -> Result<InterpolationResult<Surface>, Error> {
     options.check()?;
     let surfaces = NetSurfaces::new(net, order)?;
-    let mut feet = Feet::new(&surfaces, net.points(), options.foot);
+    let Poles { points, fixed } = Poles::new(net, options.tolerance);
+    let mut feet = Feet::new(&surfaces, &points, options.foot);
     let solution = control_points(
-        net.points(),
+        &points,
         options,
-        &[],
+        &fixed,
         progress,
         |control, look: FootSearch<'_>| feet.find(control, &look),
         |control| surfaces.sample(control),
         || {
-            let blocks = vec![(0..net.points().len() as u32).collect()];
+            let free = (0..).zip(&fixed).filter(|(_, fixed)| !**fixed).map(|(k, _)| k);
+            let blocks = vec![free.collect()];
             LimitMatrix { rows: surfaces.collocation(), blocks, scale: None }
         },
     )?;
     solution
-        .ok_or_else(|| Error::new("the points do not determine the surface: some coincide"))?
+        .ok_or_else(|| surfaces.undetermined())?
         .outcome
-        .try_map(|control| surfaces.surface(control))
+        .try_map(&points, |control| surfaces.surface(control))
+}
+
+/// The points of a net whose poles are single points, and a flag for each point: true if the point belongs to a pole.
+struct Poles {
+    points: Vec<Point3<f64>>,
+    fixed: Vec<bool>,
+}
+
+impl Poles {
+    fn new(net: &ControlNet, tolerance: f64) -> Self {
+        let (rows, columns) = (net.rows(), net.columns());
+        let (mut points, mut fixed) = (net.points().to_vec(), vec![false; rows * columns]);
+        let within = absolute_tolerance(tolerance, &points);
+        let row = |row: usize| (row * columns..(row + 1) * columns).collect::<Vec<_>>();
+        let column = |column: usize| (column..rows * columns).step_by(columns).collect();
+        for line in [row(0), row(rows - 1), column(0), column(columns - 1)] {
+            let pole = points[line[0]];
+            if line.iter().all(|&k| (net.points()[k] - pole).norm() <= within) {
+                for k in line {
+                    (points[k], fixed[k]) = (pole, true);
+                }
+            }
+        }
+        Self { points, fixed }
+    }
 }
 
 /// The B-spline surfaces with the size, knots and parameters of a net of points. They differ only in their control points.
@@ -105,7 +136,15 @@ struct NetSurfaces<'a> {
 }
 
 impl<'a> NetSurfaces<'a> {
-    fn new(net: &'a ControlNet, order: [usize; 2]) -> Result<Self, KnotVectorError> {
+    fn new(net: &'a ControlNet, order: [usize; 2]) -> Result<Self, Error> {
+        let sizes = [(net.rows(), "rows", 'u'), (net.columns(), "columns", 'v')];
+        for ((count, lines, along), order) in sizes.into_iter().zip(order) {
+            if count < order {
+                bail!(
+                    "order {order} along {along} needs at least {order} {lines} of points, the net has {count}; add {lines}, or lower `order`"
+                );
+            }
+        }
         let parameters = [ParameterDirection::U, ParameterDirection::V]
             .map(|along| parameters(net, along, f64::sqrt));
         fn knots(
@@ -120,6 +159,21 @@ impl<'a> NetSurfaces<'a> {
             knots: [knots(0, &parameters, order)?, knots(1, &parameters, order)?],
             parameters,
         })
+    }
+
+    /// Returns the error for points that do not determine a surface.
+    fn undetermined(&self) -> Error {
+        let lines = [("rows", &self.parameters[0]), ("columns", &self.parameters[1])];
+        for (lines, parameters) in lines {
+            if let Some(second) = coincident_line(parameters) {
+                let first = second - 1;
+                return Error::new(format!(
+                    "the points do not determine the surface: {lines} {first} and {second} of the net, counted from 0, are in one place; remove one of \
+                     them, or use `solver: Pcg`"
+                ));
+            }
+        }
+        Error::new("the points do not determine the surface; lower `order`, or use `solver: Pcg`")
     }
 
     fn surface(&self, control: Vec<Point3<f64>>) -> Result<Surface, Error> {
@@ -341,13 +395,103 @@ mod tests {
         assert!(far > 0, "some control points are far away");
     }
 
+    /// A net of points on a surface of revolution. `profile` returns the radius and the height at 0 to 1.
+    fn revolved(center: Point3<f64>, profile: impl Fn(f64) -> [f64; 2]) -> ControlNet {
+        let [rows, columns] = [9, 13];
+        let points = (0..rows * columns).map(|k| {
+            let [radius, height] = profile((k / columns) as f64 / (rows - 1) as f64);
+            let turn = std::f64::consts::TAU * (k % columns) as f64 / (columns - 1) as f64;
+            let [x, y] = [libm::cos(turn), libm::sin(turn)].map(|x| radius * x);
+            center + nalgebra::Vector3::new(x, y, height)
+        });
+        ControlNet::new(rows, columns, points.collect::<Vec<_>>()).unwrap()
+    }
+
+    #[test]
+    fn normals_at_poles_look_outward() {
+        let ball = |t: f64| {
+            let angle = std::f64::consts::PI * t;
+            [10.0 * libm::sin(angle), -10.0 * libm::cos(angle)]
+        };
+        // A vase with a bottom that is a pole.
+        let vase = |t: f64| match t < 0.3 {
+            true => [30.0 * t, 0.0],
+            false => [9.0 + 2.0 * libm::sin(6.0 * (t - 0.3)), 30.0 * (t - 0.3)],
+        };
+        for center in [Point3::origin(), Point3::new(0.0, 0.0, 10.0), Point3::new(300.0, 9.0, -7.0)]
+        {
+            let shapes = [revolved(center, ball), revolved(center, vase)];
+            for (net, solver, tolerance) in shapes.iter().flat_map(|net| {
+                [
+                    (net, Solver::Pcg, 1e-6),
+                    (net, Solver::Pcg, 1e-3),
+                    (net, Solver::Direct, 1e-6),
+                    (net, Solver::Plain, 1e-6),
+                ]
+            }) {
+                let how = Interpolation { solver, tolerance, ..Interpolation::default() };
+                let found = interpolate_net(net, [4, 4], &how);
+                assert!(found.settled);
+                let mesh = found.shape.tessellate(30, 60).unwrap();
+                let normals = mesh.vertex().vectors("normal").unwrap();
+                // Every vertex has the side of the normals of its row: outside, seen from the axis halfway up.
+                for (k, (point, normal)) in mesh.positions().iter().zip(normals.iter()).enumerate()
+                {
+                    let near = found.shape.normal(
+                        found.shape.u().domain().1 * f64::from((k as u32 / 61).clamp(1, 29)) / 30.0,
+                        found.shape.v().domain().1 * f64::from(k as u32 % 61) / 60.0,
+                    );
+                    let cosine = near.unwrap().dot(&nalgebra::Vector3::from(*normal));
+                    assert!(cosine > 0.5, "{solver:?} {tolerance}: {cosine} at {point}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn rows_in_one_place_are_named() {
+        let flat = waves(6, 5);
+        let mut points = flat.points().to_vec();
+        points.copy_within(5..10, 10);
+        let doubled = ControlNet::new(6, 5, points).unwrap();
+        let how = Interpolation { solver: Solver::Direct, ..Interpolation::default() };
+        let error = interpolate_surface(&doubled, [4, 4], &how, &Progress::silent()).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "the points do not determine the surface: rows 1 and 2 of the net, counted from 0, are in one place; remove one of them, or use \
+             `solver: Pcg`"
+        );
+        let pcg = Interpolation::default();
+        assert!(interpolate_net(&doubled, [4, 4], &pcg).settled);
+    }
+
+    #[test]
+    fn tolerances_below_rounding_are_met() {
+        let far = ControlNet::new(
+            5,
+            5,
+            (0..25)
+                .map(|k| Point3::new(1e6 + f64::from(k % 5), f64::from(k / 5), f64::from(k % 2)))
+                .collect::<Vec<_>>(),
+        );
+        for solver in [Solver::Pcg, Solver::Direct, Solver::Plain] {
+            let how = Interpolation { solver, tolerance: 1e-14, ..Interpolation::default() };
+            let how = Interpolation { iterations: 3000, ..how };
+            let found = interpolate_net(far.as_ref().unwrap(), [4, 4], &how);
+            assert!(found.settled, "{solver:?} {:?}", found.trace.steps().last());
+        }
+    }
+
     #[test]
     fn coincident_points_and_too_few_points_are_errors() {
         fn interpolate(net: &ControlNet) -> Result<InterpolationResult<Surface>, Error> {
             interpolate_surface(net, [4, 4], &Interpolation::default(), &Progress::silent())
         }
         let error = interpolate(&waves(3, 5)).unwrap_err();
-        assert!(matches!(error.downcast(), Some(KnotVectorError::TooFew { .. })), "{error}");
+        assert_eq!(
+            error.to_string(),
+            "order 4 along u needs at least 4 rows of points, the net has 3; add rows, or lower `order`"
+        );
         let flat = ControlNet::new(5, 5, vec![Point3::origin(); 25]).unwrap();
         assert!(interpolate(&flat).is_ok(), "one point is a surface of one point");
     }

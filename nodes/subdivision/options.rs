@@ -21,7 +21,8 @@ pub struct Subdivision {
     )]
     #[serde(default = "default_levels")]
     pub levels: u32,
-    /// Moves the vertices to their limit positions after infinitely many steps, and adds the normals of the limit surface.
+    /// Moves the vertices to their limit positions after infinitely many steps, and adds the normals of the limit surface. Not for
+    /// `Butterfly`, whose vertices are on the limit surface already.
     #[serde(default)]
     pub limit: bool,
     /// Treatment of the border of an open mesh.

@@ -1,5 +1,6 @@
 //! Refinement: steps of the schemes, planned once for a topology and applied to any positions and attributes.
 
+pub(super) mod butterfly;
 pub(super) mod by_faces;
 pub(super) mod connectivity;
 pub(super) mod doo_sabin;

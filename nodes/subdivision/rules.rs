@@ -24,7 +24,7 @@ impl<S> Rules<S> {
 }
 
 impl Rules {
-    /// Returns these subdivision rules with the scheme converted to a [`PrimalScheme`]; `None` if the scheme is dual, as `DooSabin` is.
+    /// Returns these subdivision rules with the scheme converted to a [`PrimalScheme`]; `None` for `DooSabin` and `Butterfly`.
     pub(super) fn primal(self) -> Option<Rules<PrimalScheme>> {
         Some(self.with_scheme(self.scheme.primal()?))
     }

@@ -3,7 +3,9 @@
 //! The part of the work that depends only on the topology is in `refine/step.rs` and memoized. If only the positions of vertices change,
 //! the mesh is refined by matrix products with the memoized matrices.
 
-use maquette_node::{Carry, Context, Error, Estimate, In, Node, Previous, Promise, Transfer, Want};
+use maquette_node::{
+    Carry, Context, Error, Estimate, FieldError, In, Node, Previous, Promise, Transfer, Want,
+};
 use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -24,7 +26,8 @@ use super::scheme::Scheme;
 /// The parts of a face inherit its attributes. Normals are dropped, because they are no longer valid.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Subdivide {
-    /// Mesh to refine. `Loop` needs triangles. A crease loses 1 of its sharpness per step; from sharpness 10 on it stays sharp.
+    /// Mesh to refine. `Loop` and `Butterfly` need triangles. A crease loses 1 of its sharpness per step; from sharpness 10 on it stays
+    /// sharp.
     pub mesh: In<Mesh>,
     /// Options of the subdivision.
     #[serde(flatten)]
@@ -43,7 +46,8 @@ impl Node for Subdivide {
         Want::new("mesh", "Manifold").only_if("unless `split`", Self::wants_surface),
         Want::new("mesh", "Oriented").only_if("unless `split`", Self::wants_surface),
         Want::new("mesh", "Unpinched").only_if("unless `split`", Self::wants_surface),
-        Want::new("mesh", "Triangles").only_if("with the scheme `Loop`", Self::wants_triangles),
+        Want::new("mesh", "Triangles")
+            .only_if("with the scheme `Loop` or `Butterfly`", Self::wants_triangles),
     ];
 
     const PROMISES: &'static [Promise<Self>] = &[
@@ -53,7 +57,7 @@ impl Node for Subdivide {
         Promise::from("mesh", "Unpinched", "mesh")
             .only_if("with a `boundary` and a scheme other than `DooSabin`", Self::keeps_fans),
         Promise::from("mesh", "Triangles", "mesh")
-            .only_if("with the scheme `Loop`", |it| it.how.scheme == Scheme::Loop),
+            .only_if("with the scheme `Loop` or `Butterfly`", |it| it.how.scheme.needs_triangles()),
         Promise::never_has("mesh", "Triangles")
             .only_if("with the scheme `CatmullClark`", Self::makes_quads),
         Promise::from("mesh", "NonEmpty", "mesh")
@@ -69,6 +73,16 @@ impl Node for Subdivide {
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let bytes = bytes(cx.get(&self.mesh), self.how);
         Some(Estimate { bytes, help: "choose fewer `levels`" })
+    }
+
+    fn check(&self) -> Result<(), FieldError> {
+        let help = "remove `limit`; the vertices are on the limit surface without it";
+        match self.how.limit {
+            true => {
+                self.how.scheme.check_limit().map_err(|why| FieldError::new("limit", why, help))
+            }
+            false => Ok(()),
+        }
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
@@ -149,7 +163,7 @@ impl Subdivide {
     }
 
     fn wants_triangles(&self) -> bool {
-        self.how.scheme == Scheme::Loop && (0 < self.how.levels || self.how.limit)
+        self.how.scheme.needs_triangles() && (0 < self.how.levels || self.how.limit)
     }
 
     fn makes_quads(&self) -> bool {
@@ -167,9 +181,10 @@ const PLANNING: f64 = 0.7;
 /// Refines `mesh`. The order of new vertices and faces follows from the order of the old vertices, of the faces, and of the edges as
 /// returned by [`Mesh::edges`]. A call with n levels gives the same result as n calls with one level.
 ///
-/// - `Scheme::Loop`, `Scheme::CatmullClark`: first the old vertices, then those on edges, then (Catmull-Clark) those in faces. Loop divides
-///   a face into four: first the faces at corners 0, 1 and 2, each beginning with its corner, then the middle one. Catmull-Clark makes one
-///   face at each corner, beginning with this corner. With `Boundary::None` removed vertices and faces are skipped.
+/// - `Scheme::Loop`, `Scheme::Butterfly`, `Scheme::CatmullClark`: first the old vertices, then those on edges, then (Catmull-Clark) those
+///   in faces. Loop and Butterfly divide a face into four: first the faces at corners 0, 1 and 2, each beginning with its corner, then the
+///   middle one. Catmull-Clark makes one face at each corner, beginning with this corner. With `Boundary::None` removed vertices and faces
+///   are skipped.
 /// - `Scheme::DooSabin`: first a vertex for each corner of each face, then for each border edge two vertices at 1/4 and 3/4 of its length,
 ///   in the direction of its face. The faces inside old faces come first, then the faces across edges, then the faces around vertices.
 ///

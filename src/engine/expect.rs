@@ -2,9 +2,11 @@
 
 use std::convert::Infallible;
 
-use maquette_graph::{Expectation, Graph, GraphExpectation};
+use maquette_graph::{ContinuityOrder, Expectation, Graph, GraphExpectation};
 use maquette_syntax::error::Diagnostic;
-use maquette_value::{AnyValue, Meaning, Mesh, Region, ViolatingElement, value_counts};
+use maquette_value::{
+    AnyValue, Meaning, Mesh, RangeImage, Region, SeamGaps, ViolatingElement, value_counts,
+};
 use nalgebra::Point3;
 
 use super::defects::{self, Defect};
@@ -38,6 +40,11 @@ fn check(expectation: &Expectation, values: &[&AnyValue]) -> Defect {
         Expectation::Bounds { low, high, .. } => {
             check_bounds(value, [low.0, low.1, low.2], [high.0, high.1, high.2])
         }
+        Expectation::Continuity { order: Some(order), limit: Some(limit), .. }
+            if value.get::<RangeImage>().is_some() =>
+        {
+            check_seam(value.get::<RangeImage>()?, *order, *limit)
+        }
         _ => {
             let Some(mesh) = value.as_mesh() else {
                 return Some((
@@ -51,13 +58,21 @@ fn check(expectation: &Expectation, values: &[&AnyValue]) -> Defect {
                 Expectation::NoSelfIntersection(_) => check_no_self_intersection(&mesh),
                 Expectation::Printable { thickness, .. } => check_printable(&mesh, *thickness),
                 Expectation::Bend { max, .. } => defects::check_bend(&mesh, *max),
-                Expectation::Continuity { around, max, curvature, .. } => {
+                Expectation::Continuity { around, order, limit, max, curvature, .. } => {
+                    let (max, curvature) = match (order, limit) {
+                        (Some(ContinuityOrder::G1), limit) => (*limit, None),
+                        (Some(ContinuityOrder::G2), limit) => (None, *limit),
+                        (None, _) => (*max, *curvature),
+                    };
                     let region = values.get(1).map(|value| value.get::<Region>());
                     match (around, region) {
                         (Some(around), None | Some(None)) => Some(no_region(around)),
-                        (_, region) => {
-                            defects::check_continuity(&mesh, region.flatten(), *max, *curvature)
-                        }
+                        (_, region) => defects::check_continuity(
+                            &mesh,
+                            region.flatten(),
+                            max.unwrap_or(180.0),
+                            curvature,
+                        ),
                     }
                 }
                 Expectation::Attribute { name, min, max, .. } => {
@@ -81,6 +96,28 @@ fn check(expectation: &Expectation, values: &[&AnyValue]) -> Defect {
             }
         }
     }
+}
+
+/// Checks the continuity that `Blend` has measured at the border of a region.
+fn check_seam(range: &RangeImage, order: ContinuityOrder, limit: f64) -> Defect {
+    let Some(SeamGaps { angle, curvature }) = range.seam() else {
+        let why = "has no measured seam: it is not the result of `Blend`, or no cells on both sides of the border are on one surface";
+        return Some((why.to_owned(), Vec::new()));
+    };
+    let why = match order {
+        ContinuityOrder::G1 if angle > limit => format!(
+            "has normals that differ by up to {} degrees at the seam, more than {}",
+            six_digits(angle),
+            six_digits(limit)
+        ),
+        ContinuityOrder::G2 if curvature > limit => format!(
+            "has curvatures that differ by up to {}/mm at the seam, more than {}",
+            six_digits(curvature),
+            six_digits(limit)
+        ),
+        _ => return None,
+    };
+    Some((why, Vec::new()))
 }
 
 fn no_region(name: &str) -> (String, Vec<Point3<f64>>) {

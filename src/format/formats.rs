@@ -79,6 +79,7 @@ pub const READERS: &[AnyReader] = &[
     reader::<handles::HandlesRon>(),
     reader::<handles::HandlesJson>(),
     reader::<handles::HandlesCsv>(),
+    reader::<json::ControlNetJson>(),
 ];
 
 /// Reads a value. The reader is chosen from [`READERS`] by the value's type and the file's extension.

@@ -1,8 +1,11 @@
 //! Writes JSON for values of few numbers, readable by people and scripts.
 
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error::Error;
 use maquette_value::{ControlNet, Direction, KnotVector, Labels, Trace};
+use nalgebra::Point3;
+use serde::Deserialize;
 use serde_json::{Value, json};
 
 /// Writes a direction.
@@ -68,8 +71,8 @@ impl FileFormat for LabelsJson {
     }
 }
 
-/// Writes a control net, row by row.
-pub(super) struct ControlNetJson;
+/// Reads and writes a control net, row by row. The file has no frame and no chart.
+pub(crate) struct ControlNetJson;
 
 impl FileFormat for ControlNetJson {
     type Value = ControlNet;
@@ -77,7 +80,7 @@ impl FileFormat for ControlNetJson {
 
     fn write(net: &ControlNet, name: &str) -> Result<Vec<NewFile>, Error> {
         let columns = net.columns();
-        fn points(points: &[nalgebra::Point3<f64>], columns: usize) -> Value {
+        fn points(points: &[Point3<f64>], columns: usize) -> Value {
             Value::from_iter(points.chunks(columns).map(|row| {
                 Value::from_iter(row.iter().map(|point| json!(point.coords.as_slice())))
             }))
@@ -92,6 +95,89 @@ impl FileFormat for ControlNetJson {
         });
         Ok(NewFile::single(name, print(&document)))
     }
+}
+
+/// The contents of a JSON file with a control net, as [`ControlNetJson`] writes it. Other fields are ignored.
+#[derive(Deserialize)]
+struct ControlNetContent {
+    points: Vec<Vec<[f64; 3]>>,
+    #[serde(default)]
+    base: Vec<Vec<[f64; 3]>>,
+    #[serde(default)]
+    weights: Vec<Vec<f64>>,
+    #[serde(default)]
+    fixed: Vec<Vec<u8>>,
+}
+
+impl FileReader for ControlNetJson {
+    type Value = ControlNet;
+    const EXTENSIONS: &'static [&'static str] = &["json"];
+
+    fn read(file: &InputFile<'_>) -> Result<ControlNet, Error> {
+        read_control_net(file.bytes())
+    }
+}
+
+/// Reads a control net: an object with rows of `points`, and optionally rows of `weights`, of `base` points and of `fixed` flags (0 or 1).
+///
+/// # Errors
+/// Returns an error if the text is not such an object, rows differ in length, a coordinate is not finite, or a weight is not greater than
+/// 0.
+fn read_control_net(bytes: &[u8]) -> Result<ControlNet, Error> {
+    let content: ControlNetContent = serde_json::from_slice(bytes)
+        .map_err(|error| Error::new(format!("line {}: {error}", error.line())))?;
+    let rows = content.points.len();
+    let columns = content.points.first().map_or(0, Vec::len);
+    fn flatten<T: Clone>(
+        name: &str,
+        lists: &[Vec<T>],
+        [rows, columns]: [usize; 2],
+    ) -> Result<Vec<T>, Error> {
+        let ragged = lists.iter().position(|row| row.len() != columns);
+        match ragged {
+            Some(row) => Err(Error::new(format!(
+                "`{name}`: row {row} has {} entries, expected {columns}",
+                lists[row].len()
+            ))),
+            None if lists.len() != rows => {
+                Err(Error::new(format!("`{name}` has {} rows, expected {rows}", lists.len())))
+            }
+            None => Ok(lists.concat()),
+        }
+    }
+    let size = [rows, columns];
+    let points = flatten("points", &content.points, size)?;
+    let points: Vec<Point3<f64>> = points.into_iter().map(Point3::from).collect();
+    let mut net = if content.base.is_empty() {
+        ControlNet::new(rows, columns, points)?
+    } else {
+        let base = flatten("base", &content.base, size)?;
+        let base: Vec<Point3<f64>> = base.into_iter().map(Point3::from).collect();
+        ControlNet::new(rows, columns, base)?.with_points(points)?
+    };
+    if !content.weights.is_empty() {
+        let weights = flatten("weights", &content.weights, size)?;
+        if let Some(index) = weights.iter().position(|weight| *weight <= 0.0) {
+            let (row, column) = (index / columns, index % columns);
+            return Err(Error::new(format!(
+                "the weight of control point ({row}, {column}) is {}; expected a weight greater than 0",
+                weights[index]
+            )));
+        }
+        net = net.with_weights(weights)?;
+    }
+    if !content.fixed.is_empty() {
+        let fixed = flatten("fixed", &content.fixed, size)?;
+        if let Some(index) = fixed.iter().position(|flag| *flag > 1) {
+            let (row, column) = (index / columns, index % columns);
+            return Err(Error::new(format!(
+                "the flag `fixed` of control point ({row}, {column}) is {}; expected 0 or 1",
+                fixed[index]
+            )));
+        }
+        net = net.with_fixed(fixed)?;
+    }
+    Ok(net)
 }
 
 /// Writes the steps of an iteration. An infinite distance is written as null.
@@ -158,7 +244,7 @@ fn break_line(text: &mut String, index: usize, depth: usize) {
 #[cfg(test)]
 mod tests {
     use expect_test::{Expect, expect};
-    use nalgebra::{Point3, Vector3};
+    use nalgebra::Vector3;
 
     use super::*;
 
@@ -194,6 +280,46 @@ mod tests {
                 }
             "#]],
         );
+    }
+
+    #[test]
+    fn a_control_net_is_read_as_it_was_written() {
+        let points = (0..6).map(|k| Point3::new(0.1 * f64::from(k), -1e-300, 1.0 / 3.0));
+        let net = ControlNet::new(2, 3, points.collect::<Vec<_>>()).unwrap();
+        let moved = net.points().iter().map(|point| point + Vector3::z()).collect::<Vec<_>>();
+        let net = net.with_points(moved).unwrap();
+        let net = net.with_weights(vec![1.0, 2.0, 0.1, 1.0, 5e-3, 7.0]).unwrap();
+        let net = net.with_fixed(vec![0, 1, 0, 0, 1, 1]).unwrap();
+        let bytes = ControlNetJson::write(&net, "net.json").unwrap().remove(0).bytes;
+        assert_eq!(read_control_net(&bytes).unwrap(), net);
+        crate::hostile::check_no_panic(&bytes, |bytes| drop(read_control_net(bytes)));
+    }
+
+    #[test]
+    fn an_invalid_control_net_is_refused_with_the_index() {
+        fn error(text: &str) -> String {
+            read_control_net(text.as_bytes()).unwrap_err().to_string()
+        }
+        let points = r#""points": [[[0, 0, 0], [1, 0, 0]], [[0, 1, 0], [1, 1, 0]]]"#;
+        assert!(read_control_net(format!("{{{points}}}").as_bytes()).is_ok());
+        assert_eq!(
+            error(&format!(r#"{{{points}, "weights": [[1, 1], [0, 1]]}}"#)),
+            "the weight of control point (1, 0) is 0; expected a weight greater than 0"
+        );
+        assert_eq!(
+            error(&format!(r#"{{{points}, "weights": [[1, 1], [1]]}}"#)),
+            "`weights`: row 1 has 1 entries, expected 2"
+        );
+        assert_eq!(
+            error(&format!(r#"{{{points}, "fixed": [[0, 0], [0, 2]]}}"#)),
+            "the flag `fixed` of control point (1, 1) is 2; expected 0 or 1"
+        );
+        assert_eq!(
+            error(&format!(r#"{{{points}, "weights": [[1, 1]]}}"#)),
+            "`weights` has 1 rows, expected 2"
+        );
+        assert!(error("{}").contains("points"));
+        assert!(error(r#"{"points": []}"#).contains("0 entries"));
     }
 
     #[test]

@@ -84,16 +84,26 @@ pub enum Expectation {
         #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "deg"))]
         max: f64,
     },
-    /// New faces, such as those of a filled hole, continue the adjacent old surface.
+    /// New parts, such as the faces of a filled hole or a region that `Blend` has redesigned, continue the adjacent old surface. Needs
+    /// `max`, or `order` and `limit`.
     Continuity {
-        /// The mesh to test.
+        /// The mesh to test, or the range image that `Blend` made.
         of: String,
         /// The new part of the mesh. If omitted, the vertex attribute `filled` marks the new part.
         #[serde(default)]
         around: Option<String>,
+        /// Order of the continuity that `limit` is about.
+        #[serde(default)]
+        order: Option<ContinuityOrder>,
+        /// Maximum allowed gap. With `order: G1` the angle between the normals on both sides, in degrees; with `order: G2` the jump of the
+        /// curvature, in 1/mm, for a mesh as root mean square along the border.
+        #[serde(default)]
+        #[schemars(range(min = 0.0), extend("unit" = "deg"))]
+        limit: Option<f64>,
         /// Maximum allowed angle between the normals of a new face and an adjacent old face, in degrees.
+        #[serde(default)]
         #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "deg"))]
-        max: f64,
+        max: Option<f64>,
         /// Maximum allowed jump of the curvature across the border between new and old faces, as root mean square along the border, in
         /// 1/mm. If omitted, any jump is accepted.
         #[serde(default)]
@@ -121,6 +131,15 @@ pub enum Expectation {
         /// The name of the promised property.
         property: String,
     },
+}
+
+/// An order of geometric continuity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+pub enum ContinuityOrder {
+    /// The normals on both sides are equal.
+    G1,
+    /// The curvatures on both sides are equal.
+    G2,
 }
 
 fn default_band() -> f64 {
@@ -269,6 +288,7 @@ mod tests {
             r#"[Closed("a"), Manifold("b"), NoSelfIntersection("c"), Count(of: "d", what: "faces"),
             Bounds(of: "e", low: (0, 0, 0), high: (1, 1, 1)), Near(of: "f", to: "g", max: 1),
             Whole(of: "h", around: "i"), Bend(of: "j", max: 1), Continuity(of: "k", around: Some("l"), max: 1),
+            Continuity(of: "k", order: G1, limit: deg(0.1)),
             Attribute(of: "m", name: "x"), Printable(of: "n", thickness: 1.2)]"#,
         );
         let (read, diagnostics) = Expectation::read_all(&list);

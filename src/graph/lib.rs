@@ -76,7 +76,7 @@ pub use diff::{Change, Difference};
 pub use difference::{parameter_difference, parameter_name, short_text};
 pub use draft_fields::DraftField;
 pub use element::target_in_file;
-pub use expectation::Expectation;
+pub use expectation::{ContinuityOrder, Expectation};
 pub use expected::GraphExpectation;
 pub use flat::{
     Count, Counts, GraphNode, GraphOutput, GraphUse, Guard, Link, Loop, RequiringInput,

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use maquette_syntax::error::{Span, code};
 use maquette_syntax::{Body, Help, Kind, LocalDiagnostic, Tree, nearest_or_all, with_article};
-use maquette_value::{Meaning, Region, Value as _, ValueType, value_counts};
+use maquette_value::{Meaning, RangeImage, Region, Value as _, ValueType, value_counts};
 
 use crate::Expectation;
 
@@ -43,6 +43,22 @@ impl Expectation {
                 message: "Count needs a field `min` or `max`".into(),
                 help: "without a limit, any number is valid".into(),
             }),
+            Self::Continuity { order, limit, max, curvature, .. } => {
+                let message = match (order, limit, max) {
+                    (Some(_), Some(_), None) if curvature.is_none() => return None,
+                    (None, None, Some(_)) => return None,
+                    (Some(_), Some(_), _) => {
+                        "Continuity has `max` or `curvature` beside `order` and `limit`"
+                    }
+                    _ => "Continuity needs `order` and `limit`, or `max`",
+                };
+                Some(Contradiction {
+                    field: "",
+                    code: code::MISSING_FIELD,
+                    message: message.into(),
+                    help: "write `order: G1, limit: 5`, or `max: 5, curvature: 0.1`".into(),
+                })
+            }
             Self::Count { min: Some(min), max: Some(max), .. }
             | Self::Attribute { min: Some(min), max: Some(max), .. }
                 if max < min =>
@@ -90,7 +106,12 @@ impl Expectation {
                 is_not(given, "of", "which has no positions")
             }
             _ => {
-                if let Some(given) = flat(0) {
+                // `Blend` measures the seam of a range image.
+                let is_seam = |kind: &ValueType| {
+                    matches!(self, Self::Continuity { order: Some(_), .. })
+                        && kind.name == RangeImage::NAME
+                };
+                if let Some(given) = flat(0).filter(|(_, kind)| !is_seam(kind)) {
                     return is_not(given, "of", "which has no faces");
                 }
                 match self {

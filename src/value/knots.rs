@@ -31,6 +31,17 @@ pub enum KnotVectorError {
         /// The minimum number of knots: 2 (degree + 1).
         min: usize,
     },
+    /// There are fewer control points than the order.
+    #[error(
+        "{points} control points are too few for a B-spline of degree {degree}: expected at least {}; add points, or lower the degree",
+        degree + 1
+    )]
+    TooFewPoints {
+        /// The number of control points.
+        points: usize,
+        /// The degree of the B-spline.
+        degree: usize,
+    },
     /// Any other violation of the invariant of [`KnotVector`]; contains the message.
     #[error("{0}")]
     Invalid(String),

@@ -85,7 +85,7 @@ pub use parts::{
 };
 pub use points::{Points, PointsError, first_not_finite};
 pub use property::{Property, ViolatingElement, Violation};
-pub use range::{RangeError, RangeImage};
+pub use range::{RangeError, RangeImage, SeamGaps};
 pub use region::{Contour, Region, RegionError};
 pub use summary::Summary;
 pub use surface::{Derivatives, Foot, IsoCurve, ParameterDirection, Surface, SurfaceError};

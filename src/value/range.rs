@@ -3,6 +3,7 @@
 use nalgebra::{Matrix4, Point3};
 use thiserror::Error;
 
+use super::content::{Content, content_of_fields};
 use super::image::{SizeError, check_size};
 use super::{CaptureFrame, Column, Pinhole, Registration, Rgb};
 use crate::parallel::*;
@@ -39,6 +40,20 @@ pub struct RangeImage {
     camera: Option<Pinhole>,
     registration: Registration,
     world_from_camera: Option<Matrix4<f64>>,
+    seam: Option<SeamGaps>,
+}
+
+/// The continuity of a redesigned region with the rest of a range image, measured across the border of the region.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeamGaps {
+    /// The largest angle between the normals on both sides, in degrees: 0 if the surface is G1 continuous.
+    pub angle: f64,
+    /// The largest difference between the normal curvatures across the border, in 1/mm: 0 if the surface is G2 continuous, too.
+    pub curvature: f64,
+}
+
+impl Content for SeamGaps {
+    content_of_fields! { angle curvature }
 }
 
 const NO_POINT: Point3<f64> = Point3::new(f64::NAN, f64::NAN, f64::NAN);
@@ -66,16 +81,17 @@ impl RangeImage {
             camera: None,
             registration: Registration::corners([width, height], [width, height]),
             world_from_camera: None,
+            seam: None,
         })
     }
 
-    /// Replaces the points. All other data of the range image is kept.
+    /// Replaces the points. All other data of the range image is kept, except for the measured seam.
     ///
     /// # Errors
     /// If the number of points differs from the number of cells.
     pub fn with_points(&self, points: Vec<Point3<f64>>) -> Result<Self, SizeError> {
         let moved = Self::new(self.width, self.height, points)?;
-        Ok(Self { points: moved.points, ..self.clone() })
+        Ok(Self { points: moved.points, seam: None, ..self.clone() })
     }
 
     /// Sets the flag of each cell: 1 if the cell was filled, 0 if it was measured.
@@ -128,6 +144,18 @@ impl RangeImage {
     pub fn with_world_from_camera(mut self, pose: Option<Matrix4<f64>>) -> Self {
         self.world_from_camera = pose;
         self
+    }
+
+    /// Sets or removes the measured continuity of a redesigned region.
+    #[must_use]
+    pub fn with_seam(mut self, seam: Option<SeamGaps>) -> Self {
+        self.seam = seam;
+        self
+    }
+
+    /// The continuity of the region that was redesigned last, if it was measured.
+    pub fn seam(&self) -> Option<SeamGaps> {
+        self.seam
     }
 
     /// The number of columns.

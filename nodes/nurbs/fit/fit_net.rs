@@ -1,6 +1,6 @@
 //! The control points of a fitted surface, one direction after the other, and its residuals.
 
-use maquette_base::parameters::{parameters, uniform_parameters};
+use maquette_base::parameters::{coincident_line, parameters, uniform_parameters};
 use maquette_node::{CancelledError, Error, Progress, bail};
 use maquette_value as value;
 use maquette_value::parallel::*;
@@ -56,8 +56,17 @@ impl Direction {
         };
         Ok(Self {
             fit: fit.ok_or_else(|| {
+                let lines = match along {
+                    ParameterDirection::U => "rows",
+                    ParameterDirection::V => "columns",
+                };
+                let cause = coincident_line(&parameters).map(|second| {
+                    let first = second - 1;
+                    format!(": {lines} {first} and {second} of the net, counted from 0, are in one place; remove one of them")
+                });
+                let cause = cause.unwrap_or_else(|| "; lower `order`".to_owned());
                 Error::new(format!(
-                    "the points along {along:?} do not determine the surface: some coincide"
+                    "the points along {along:?} do not determine the surface{cause}, or use `method: LeastSquares` with fewer {lines}"
                 ))
             })?,
             parameters,

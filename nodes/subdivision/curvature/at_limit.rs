@@ -91,6 +91,7 @@ impl RegularNeighborhoods<'_> {
             }
             Scheme::CatmullClark => [4.0 / 6.0, 1.0 / 6.0],
             Scheme::DooSabin => [6.0 / 8.0, 1.0 / 8.0],
+            Scheme::Butterfly => return None,
         };
         let beside: [u32; 4] = ring.neighbors[..].try_into().ok().filter(|_| ring.closed)?;
         let across: Option<Vec<u32>> = ring

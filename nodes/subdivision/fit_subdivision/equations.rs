@@ -10,7 +10,8 @@ use super::feet::Feet;
 use crate::limit::composed::ComposedLimit;
 
 /// The overdetermined equations of the control points `P`. The first rows `A P = X` move the foot points `A P` to the given points `X`; the
-/// other rows `weight^(1/2) L P = 0` with the Laplacian `L` make the surface smooth.
+/// other rows `weight^(1/2) L P = weight^(1/2) T` with the Laplacian `L` make the surface smooth. The targets `T` are 0, or the tangential
+/// parts of the start's Laplacian vectors.
 pub(super) struct System {
     rows: Stencils,
     transposed: Stencils,
@@ -29,11 +30,12 @@ impl System {
         surface: &ComposedLimit,
         feet: &Feet,
         stiffness: &Stencils,
+        targets: &[Column],
         weight: f64,
     ) -> Self {
         let rows = feet.rows.times(&surface.rows).stack(stiffness, weight.sqrt());
         let mut right = feet.points.clone();
-        right.resize(rows.len(), [0.0; 3]);
+        right.extend(targets.iter().map(|target| target.map(|part| part * weight.sqrt())));
         Self { transposed: rows.transpose(stiffness.len()), rows, right }
     }
 

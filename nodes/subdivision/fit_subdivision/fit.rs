@@ -1,5 +1,7 @@
 //! Fitting of the control points of a mesh with given faces.
 
+use maquette_base::linear::columns::Column;
+use maquette_base::linear::stencils::Stencils;
 use maquette_node::{Error, Progress, bail};
 use maquette_value::{Mesh, MeshError, Trace, TraceStep};
 use nalgebra::Point3;
@@ -19,6 +21,8 @@ pub struct FittedSubdivision {
     pub trace: Trace,
     /// The number of points that are ignored in the last iteration because they are too far from the surface.
     pub left_out: usize,
+    /// The faces of the control mesh at which the surface folds over, ascending.
+    pub folds: Vec<u32>,
 }
 
 /// The fit ends with the first iteration that reduces the mean distance by less than this fraction.
@@ -31,7 +35,11 @@ pub(super) const MIN_GAIN: f64 = 1e-3;
 /// for a fixed topology. Two steps alternate: finding the nearest point of the surface to each given point, and solving for the control
 /// points by least squares with the positions of the nearest points on the surface fixed. Distances are measured to the mesh of limit
 /// points after two refinement steps. The distance of each control point from the mean of its neighbors (on creases: of its two neighbors
-/// on the crease) has as its weight `smoothing` times the number of points per control point.
+/// on the crease) has as its weight `smoothing` times the number of points per control point. Along the surface (on creases: along the
+/// crease) this distance is compared with that in `mesh` and not with 0, because the mean of the neighbors of long thin triangles is far
+/// away in their plane.
+///
+/// Control points do not move where the surface would fold.
 ///
 /// # Errors
 /// If a face is not a triangle, the mesh is not manifold, no point is near the mesh, or the evaluation is cancelled.
@@ -44,7 +52,8 @@ pub fn fit_subdivision(
 ) -> Result<FittedSubdivision, Error> {
     let mut fit = Fit { points, scan: None, smoothing, iterations, steps: Vec::new() };
     let (mesh, nearest) = fit.fit_control_points(mesh, progress)?;
-    Ok(fit.end(mesh, &nearest))
+    let surface = ComposedLimit::new(&mesh, LEVELS)?.surface(mesh.positions())?;
+    Ok(FittedSubdivision { folds: folds(&surface, LEVELS), ..fit.end(mesh, &nearest) })
 }
 
 /// The options and the state of the iteration.
@@ -67,6 +76,11 @@ impl Fit<'_> {
     ) -> Result<(Mesh, Vec<Option<Nearest>>), Error> {
         let surface = ComposedLimit::new(mesh, LEVELS)?;
         let stiffness = laplacian(mesh);
+        // With a scan, the faces change, too, and even spacing is wanted.
+        let targets = match self.scan {
+            None => tangential_laplacian(mesh, &stiffness),
+            Some(_) => vec![[0.0; 3]; stiffness.len()],
+        };
         let reach = 2.0 * mean_edge(mesh);
         let mut mesh = mesh.clone();
         let mut before = f64::INFINITY;
@@ -94,12 +108,10 @@ impl Fit<'_> {
             if let Some(scan) = self.scan {
                 feet.add_vertices(&scan.feet(&fine));
             }
-            let system = System::new(&surface, &feet, &stiffness, self.smoothing * share);
+            let weight = self.smoothing * share;
+            let system = System::new(&surface, &feet, &stiffness, &targets, weight);
             let found = system.solve(mesh.positions(), progress)?;
-            mesh = match self.scan {
-                None => mesh.with_positions(found)?,
-                Some(_) => move_without_folding(&surface, &mesh, found)?,
-            };
+            mesh = move_without_folding(&surface, &mesh, found)?;
         }
         unreachable!("the last iteration returns")
     }
@@ -107,8 +119,28 @@ impl Fit<'_> {
     pub(super) fn end(self, mesh: Mesh, nearest: &[Option<Nearest>]) -> FittedSubdivision {
         let left_out = nearest.iter().filter(|nearest| nearest.is_none()).count();
         let trace = Trace::new(self.steps).expect("iterations are counted up");
-        FittedSubdivision { mesh, trace, left_out }
+        FittedSubdivision { mesh, trace, left_out, folds: Vec::new() }
     }
+}
+
+/// Returns for each vertex the part of its Laplacian vector that is tangential to the mesh: perpendicular to the normal, or along the
+/// crease or border. `laplacian` has a row of three entries for a vertex on a crease or border.
+fn tangential_laplacian(mesh: &Mesh, laplacian: &Stencils) -> Vec<Column> {
+    let (positions, normals) = (mesh.positions(), mesh.vertex_normals());
+    let targets = (0..laplacian.len()).map(|vertex| {
+        let vector = laplacian.apply_row(vertex, positions).coords;
+        let (indices, _) = laplacian.row(vertex);
+        let tangential =
+            match indices.iter().filter(|&&k| k as usize != vertex).collect::<Vec<_>>()[..] {
+                [&a, &b] => {
+                    let along = positions[b as usize] - positions[a as usize];
+                    along.try_normalize(0.0).map_or(vector, |along| along * along.dot(&vector))
+                }
+                _ => vector - normals[vertex] * normals[vertex].dot(&vector),
+            };
+        tangential.into()
+    });
+    targets.collect()
 }
 
 /// Moves the control points to `positions`, except for control points around folds that the move would cause.

@@ -223,3 +223,68 @@ fn moves_preserve_the_topology() {
         }
     }
 }
+
+/// A plate or nut with `corners` corners, with a hole if `hole` is greater than 0, cut into small triangles. All edges of the coarse mesh
+/// are sharp, so that it is refined linearly.
+fn flat_thing(corners: u32, hole: f64, thickness: f64, levels: u32) -> Mesh {
+    let angle = |k: u32| std::f64::consts::TAU * f64::from(k) / f64::from(corners);
+    let ring = |radius: f64, height: f64| {
+        (0..corners).map(move |k| {
+            Point3::new(radius * libm::cos(angle(k)), radius * libm::sin(angle(k)), height)
+        })
+    };
+    let mut points: Vec<_> = ring(10.0, 0.0).chain(ring(10.0, thickness)).collect();
+    let mut quads = Vec::new();
+    let next = |k: u32| (k + 1) % corners;
+    quads.extend((0..corners).map(|k| [k, next(k), corners + next(k), corners + k]));
+    let mut faces: Vec<[u32; 3]> = Vec::new();
+    if hole > 0.0 {
+        points.extend(ring(hole, 0.0).chain(ring(hole, thickness)));
+        let [low, high] = [2 * corners, 3 * corners];
+        quads.extend((0..corners).map(|k| [low + next(k), low + k, high + k, high + next(k)]));
+        quads.extend((0..corners).map(|k| [next(k), k, low + k, low + next(k)]));
+        quads.extend(
+            (0..corners).map(|k| [corners + k, corners + next(k), high + next(k), high + k]),
+        );
+    } else {
+        points.extend([Point3::origin(), Point3::new(0.0, 0.0, thickness)]);
+        faces.extend((0..corners).map(|k| [2 * corners, next(k), k]));
+        faces.extend((0..corners).map(|k| [2 * corners + 1, corners + k, corners + next(k)]));
+    }
+    faces.extend(quads.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]));
+    let mesh = Mesh::new(points, Faces::triangles(faces)).unwrap();
+    let sharp: Vec<_> = mesh.edges().vertices.iter().map(|ends| (*ends, 20.0)).collect();
+    let options = crate::Subdivision {
+        scheme: crate::Scheme::Loop,
+        levels,
+        limit: false,
+        boundary: crate::Boundary::EdgeAndCorner,
+        creases: crate::Creases::OpenSubdiv,
+        corners: crate::Corners::Linear,
+    };
+    let fine = crate::subdivide(&mesh.with_creases(sharp).unwrap(), options).unwrap();
+    fine.with_creases(Vec::new()).unwrap()
+}
+
+/// `Simplify` leaves long thin triangles on flat faces, whose control points no distance determines.
+#[test]
+fn simplified_flat_things_do_not_crumple() {
+    let mut crossings = Vec::new();
+    for member in 0..12u32 {
+        let corners = 4 + member % 7;
+        let hole = [0.0, 3.0, 6.0][(member / 2) as usize % 3];
+        let thickness = [1.5, 3.0, 8.0][member as usize % 3];
+        let dense = flat_thing(corners, hole, thickness, 3);
+        let coarse =
+            simplify(&dense, 60 + 20 * (member as usize % 8), &Progress::silent()).unwrap();
+        let found =
+            fit_subdivision(&coarse, dense.positions(), 1e-3, 6, &Progress::silent()).unwrap();
+        let surface =
+            ComposedLimit::new(&found.mesh, 2).unwrap().surface(found.mesh.positions()).unwrap();
+        let pairs = surface.crossings(|| Ok::<_, std::convert::Infallible>(())).unwrap();
+        if !pairs.is_empty() {
+            crossings.push((member, coarse.faces().len(), pairs.len()));
+        }
+    }
+    assert_eq!(crossings, []);
+}

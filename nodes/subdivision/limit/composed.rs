@@ -76,7 +76,7 @@ impl ComposedLimit {
 
 /// Returns the matrix of one step of Loop's scheme.
 fn refinement(topology: &Topology) -> Result<Stencils, Error> {
-    check_triangles(&topology.faces)?;
+    check_triangles(&topology.faces, "Loop's scheme")?;
     let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
     let creases = creases(topology, &mesh);
     let rules = topology.rules;

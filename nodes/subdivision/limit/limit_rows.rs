@@ -209,15 +209,17 @@ enum SchemeLimit {
 impl SchemeLimit {
     fn new(topology: &Topology) -> Result<Self, Error> {
         let rules = topology.rules;
+        rules.scheme.check_limit()?;
         if rules.scheme.needs_triangles() {
-            check_triangles(&topology.faces)?;
+            check_triangles(&topology.faces, "Loop's scheme")?;
         }
         check_faces(topology)?;
         let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
         let creases = creases(topology, &mesh);
         Ok(match rules.scheme {
             Scheme::DooSabin => Self::Dual(DualLimit::new(mesh, starts, rules.boundary)),
-            Scheme::Loop => {
+            // Refused above.
+            Scheme::Loop | Scheme::Butterfly => {
                 Self::Loop(MaskedMesh { mesh, starts, creases, rules, masks: LoopMasks })
             }
             Scheme::CatmullClark => {

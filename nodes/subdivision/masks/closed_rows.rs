@@ -26,7 +26,7 @@ pub(crate) fn closed_rows(topology: &Topology) -> Option<Stencils> {
     let scheme = topology.rules.scheme;
     let dropped = scheme.is_dual();
     let wanted = if scheme.needs_triangles() { 3 } else { 4 };
-    if sides != wanted || !(topology.creases.is_empty() || dropped) {
+    if scheme == Scheme::Butterfly || sides != wanted || !(topology.creases.is_empty() || dropped) {
         return None;
     }
     let corners = &topology.faces.corners()[..];
@@ -97,6 +97,8 @@ fn mask(scheme: Scheme, n: usize) -> [f64; 3] {
     let n = n.max(1);
     match scheme {
         Scheme::Loop => LoopMasks.limit(n),
+        // The vertices are limit points.
+        Scheme::Butterfly => [1.0, 0.0, 0.0],
         Scheme::CatmullClark => {
             let [own, neighbor, face] = CatmullClarkMasks.limit(n);
             let corner = face / 4.0;

@@ -60,7 +60,7 @@ impl Level {
     pub(crate) fn from_topology(topology: &Topology, scheme: PrimalScheme) -> Result<Self, Error> {
         let rules = topology.rules.with_scheme(scheme);
         if rules.scheme.needs_triangles() {
-            check_triangles(&topology.faces)?;
+            check_triangles(&topology.faces, "Loop's scheme")?;
         }
         let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
         let creases = creases(topology, &mesh);
@@ -426,13 +426,17 @@ pub(crate) fn creases(topology: &Topology, mesh: &Connectivity) -> Vec<(u32, f64
     edges.filter(|(_, sharpness)| *sharpness > 0.0).collect()
 }
 
-pub(crate) fn check_triangles(faces: &Faces) -> Result<(), Error> {
+/// Checks that all faces are triangles. `scheme` names the scheme that needs them.
+///
+/// # Errors
+/// If a face is not a triangle.
+pub(crate) fn check_triangles(faces: &Faces, scheme: &str) -> Result<(), Error> {
     if faces.sides() == Some(3) {
         return Ok(());
     }
     match (0..faces.len()).find(|&face| faces.face(face).len() != 3) {
         Some(face) => bail!(
-            "face {face} has {} corners, but Loop's scheme needs triangles",
+            "face {face} has {} corners, but {scheme} needs triangles",
             faces.face(face).len()
         ),
         None => Ok(()),

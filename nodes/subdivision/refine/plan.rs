@@ -15,6 +15,7 @@ use crate::boundary::Boundary;
 use crate::corners::Corners;
 use crate::limit::limit_rows::Limit;
 use crate::options::Subdivision;
+use crate::scheme::Scheme;
 
 /// The maximum number of corners of a result: enough for about 90 million triangles, which need about 6 GB with their plan.
 const MAX_CORNERS: Most = Most { max: 1 << 28, items: "corners", help: "choose fewer `levels`" };
@@ -68,6 +69,9 @@ impl Plan {
         limit: impl FnOnce(PreviousStep<'_>) -> Result<EndLimit, Error>,
     ) -> Result<Self, Error> {
         check_size(mesh, options.levels)?;
+        if options.limit {
+            options.scheme.check_limit()?;
+        }
         let topology = Topology::from_mesh(mesh, options);
         let mut steps: Vec<Step> = Vec::with_capacity(options.levels as usize);
         for _ in 0..options.levels {
@@ -149,7 +153,7 @@ impl Plan {
         }))
     }
 
-    /// Returns the steps as primal steps; `None` if the scheme is dual.
+    /// Returns the steps as steps of an approximating primal scheme; `None` for other schemes.
     pub(crate) fn primal_steps(&self) -> Option<Vec<&Primal>> {
         self.steps.iter().map(Step::primal).collect()
     }
@@ -249,7 +253,11 @@ fn corners_after(mesh: &Mesh, levels: u32) -> f64 {
 pub(crate) fn bytes(mesh: &Mesh, options: Subdivision) -> f64 {
     let Subdivision { scheme, levels, limit, boundary, corners, .. } = options;
     // Measured bytes per corner. The limit needs additional matrix rows and normals.
-    let (plain, of_limit) = if scheme.is_dual() { (34.0, 56.0) } else { (20.0, 17.0) };
+    let (plain, of_limit) = match scheme {
+        Scheme::DooSabin => (34.0, 56.0),
+        Scheme::Butterfly => (55.0, 0.0),
+        Scheme::Loop | Scheme::CatmullClark => (20.0, 17.0),
+    };
     let extra =
         [(limit, of_limit), (boundary == Boundary::None, 15.0), (corners == Corners::Smooth, 10.0)];
     let extra: f64 = extra.iter().filter(|(is_so, _)| *is_so).map(|(_, bytes)| bytes).sum();

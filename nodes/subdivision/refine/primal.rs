@@ -10,6 +10,7 @@ use maquette_value::memory::{huge_vec, sparse_vec};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
+use super::connectivity::Connectivity;
 use super::final_mesh::FinalMesh;
 use super::half_edges::HalfEdges;
 use super::level::{BLOCK, Level, VertexInput, fetch};
@@ -17,6 +18,7 @@ use super::split::{Corners, Split, Triangles, split_faces};
 use crate::masks::regular_rules::{QuadMesh, RegularRules, TriangleMesh, Walk};
 use crate::masks::sharpness::Sharpness;
 use crate::masks::vertex_rings::{RingMasks, Scratch};
+use crate::rules::Rules;
 use crate::scheme::PrimalScheme;
 
 /// A step of a primal scheme for a fixed topology.
@@ -104,17 +106,7 @@ impl Primal {
 
     /// Returns the creases of the refined mesh, sorted by their vertices.
     pub(crate) fn finer_creases(&self) -> Vec<([u32; 2], f64)> {
-        let sharpness = Sharpness::new(&self.level.mesh, self.level.rules, &self.level.creases);
-        // The old edge `e` is divided into two new edges, numbered `2 e` and `2 e + 1`.
-        let refined = sharpness.refine(|edge| [2 * edge, 2 * edge + 1]);
-        let lasting = refined.into_iter().filter(|(_, sharpness)| sharpness.is_finite());
-        let by_vertices = lasting.map(|(half, sharpness)| {
-            let end = self.level.mesh.ends(half / 2)[half as usize % 2];
-            ([end, self.level.mesh.vertices as u32 + half / 2], sharpness)
-        });
-        let mut creases: Vec<_> = by_vertices.collect();
-        creases.sort_unstable_by_key(|(ends, _)| *ends);
-        creases
+        refined_creases(&self.level.mesh, self.level.rules, &self.level.creases)
     }
 
     /// Computes the positions of all vertices after this step, given the positions `old` before the step.
@@ -328,14 +320,7 @@ impl Primal {
     pub(crate) fn carry_vertices<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         let mut new = Vec::with_capacity(self.n_finer());
         new.extend_from_slice(old);
-        let halves = self.level.mesh.halves.par_iter().with_min_len(BLOCK);
-        let middles = halves.map(|[owner, _]| {
-            let mut ends = [*owner, self.level.mesh.next(*owner)]
-                .map(|half| self.level.mesh.corners()[half as usize]);
-            ends.sort_unstable();
-            T::weighted_mean(ends.into_iter().map(|end| (0.5, old[end as usize])))
-        });
-        middles.collect_into(&mut new);
+        carry_on_edges(&self.level.mesh, old, &mut new);
         if self.level.rules.scheme.has_middles() {
             let faces = (0..self.level.mesh.faces.len()).into_par_iter().with_min_len(BLOCK);
             let middles = faces.map(|face| {
@@ -351,14 +336,7 @@ impl Primal {
     /// Refines corner data, linearly within old faces.
     pub(crate) fn carry_corners<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         if self.level.rules.scheme.needs_triangles() {
-            let triangles = old.par_chunks_exact(3).with_min_len(BLOCK);
-            return triangles
-                .flat_map_iter(|old| {
-                    let [a, b, c] = [old[0], old[1], old[2]];
-                    let [ab, bc, ca] = [midpoint(a, b), midpoint(b, c), midpoint(c, a)];
-                    [a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca]
-                })
-                .collect();
+            return carry_triangle_corners(old);
         }
         let faces = (0..self.level.mesh.faces.len()).into_par_iter().with_min_len(BLOCK);
         faces
@@ -389,6 +367,49 @@ impl Primal {
     pub(crate) fn size(&self) -> usize {
         self.level.size() + self.finer.corners().size() + self.stencils.size()
     }
+}
+
+/// Returns the creases of the mesh after a step that divides each edge into two, sorted by their vertices. New vertices on edges come after
+/// the old vertices.
+pub(super) fn refined_creases<S>(
+    mesh: &Connectivity,
+    rules: Rules<S>,
+    creases: &[(u32, f64)],
+) -> Vec<([u32; 2], f64)> {
+    let sharpness = Sharpness::new(mesh, rules, creases);
+    // The old edge `e` is divided into two new edges, numbered `2 e` and `2 e + 1`.
+    let refined = sharpness.refine(|edge| [2 * edge, 2 * edge + 1]);
+    let lasting = refined.into_iter().filter(|(_, sharpness)| sharpness.is_finite());
+    let by_vertices = lasting.map(|(half, sharpness)| {
+        let end = mesh.ends(half / 2)[half as usize % 2];
+        ([end, mesh.vertices as u32 + half / 2], sharpness)
+    });
+    let mut creases: Vec<_> = by_vertices.collect();
+    creases.sort_unstable_by_key(|(ends, _)| *ends);
+    creases
+}
+
+/// Appends the means of vertex data at the ends of each edge.
+pub(super) fn carry_on_edges<T: WeightedMean>(mesh: &Connectivity, old: &[T], new: &mut Vec<T>) {
+    let halves = mesh.halves.par_iter().with_min_len(BLOCK);
+    let middles = halves.map(|[owner, _]| {
+        let mut ends = [*owner, mesh.next(*owner)].map(|half| mesh.corners()[half as usize]);
+        ends.sort_unstable();
+        T::weighted_mean(ends.into_iter().map(|end| (0.5, old[end as usize])))
+    });
+    middles.collect_into(new);
+}
+
+/// Refines the corner data of triangles, linearly within each.
+pub(super) fn carry_triangle_corners<T: WeightedMean>(old: &[T]) -> Vec<T> {
+    let triangles = old.par_chunks_exact(3).with_min_len(BLOCK);
+    triangles
+        .flat_map_iter(|old| {
+            let [a, b, c] = [old[0], old[1], old[2]];
+            let [ab, bc, ca] = [midpoint(a, b), midpoint(b, c), midpoint(c, a)];
+            [a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca]
+        })
+        .collect()
 }
 
 /// Returns the point of a matrix column: an old vertex, or a new vertex inside a face.

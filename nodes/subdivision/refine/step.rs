@@ -7,17 +7,19 @@ use std::sync::Arc;
 
 use maquette_base::linear::attribute_transfer::AttributeTransfer;
 use maquette_base::linear::weighted_mean::WeightedMean;
-use maquette_node::Error;
+use maquette_node::{Error, bail};
 use maquette_value::Memo;
 use maquette_value::{Attribute, Encoder, Faces, Mesh, MeshError};
 use nalgebra::Point3;
 
+use super::butterfly::Butterfly;
 use super::doo_sabin::Dual;
 use super::level::Level;
 use super::primal::Primal;
 use super::topology::Topology;
 use crate::limit::finer_dual_limit::FinerDualLimit;
 use crate::limit::finer_limit::FinerLimit;
+use crate::scheme::{PrimalScheme, Scheme};
 
 /// One step of a subdivision.
 #[derive(Clone, Debug)]
@@ -33,6 +35,7 @@ pub(crate) struct Step {
 enum Kind {
     Primal(Arc<Primal>),
     Dual(Arc<Dual>),
+    Butterfly(Arc<Butterfly>),
 }
 
 /// A step is a function of the topology and the depth, so only these two are encoded for the hash.
@@ -47,6 +50,7 @@ impl Memo for Step {
         let rules = match &self.rules {
             Kind::Primal(step) => step.size(),
             Kind::Dual(step) => step.size(),
+            Kind::Butterfly(step) => step.size(),
         };
         rules + self.root.size()
     }
@@ -58,11 +62,14 @@ impl Step {
     /// # Errors
     /// If the scheme cannot refine a face, or the mesh is not manifold.
     pub(crate) fn from_topology(topology: &Topology) -> Result<Self, Error> {
-        let rules = match topology.rules.scheme.primal() {
-            None => Kind::Dual(Dual::from_topology(topology)?.into()),
-            Some(scheme) => {
-                Kind::Primal(Primal::new(Level::from_topology(topology, scheme)?.into()).into())
-            }
+        fn primal(topology: &Topology, scheme: PrimalScheme) -> Result<Kind, Error> {
+            Ok(Kind::Primal(Primal::new(Level::from_topology(topology, scheme)?.into()).into()))
+        }
+        let rules = match topology.rules.scheme {
+            Scheme::Loop => primal(topology, PrimalScheme::Loop)?,
+            Scheme::CatmullClark => primal(topology, PrimalScheme::CatmullClark)?,
+            Scheme::DooSabin => Kind::Dual(Dual::from_topology(topology)?.into()),
+            Scheme::Butterfly => Kind::Butterfly(Butterfly::from_topology(topology)?.into()),
         };
         Ok(Self { root: topology.clone().into(), depth: 0, rules })
     }
@@ -80,6 +87,7 @@ impl Step {
         let rules = match &self.rules {
             Kind::Primal(step) => Kind::Primal(Primal::new(step.next().into()).into()),
             Kind::Dual(step) => Kind::Dual(step.next()?.into()),
+            Kind::Butterfly(step) => Kind::Butterfly(step.next().into()),
         };
         Ok(Self { root: self.root.clone(), depth: self.depth + 1, rules })
     }
@@ -89,11 +97,11 @@ impl Step {
         self.next()
     }
 
-    /// Returns the step as a primal step; `None` if the scheme is dual.
+    /// Returns the step as a step of an approximating primal scheme; `None` for other schemes.
     pub(crate) fn primal(&self) -> Option<&Primal> {
         match &self.rules {
             Kind::Primal(step) => Some(step),
-            Kind::Dual(_) => None,
+            Kind::Dual(_) | Kind::Butterfly(_) => None,
         }
     }
 
@@ -102,6 +110,7 @@ impl Step {
         match &self.rules {
             Kind::Primal(step) => &step.finer,
             Kind::Dual(step) => &step.finer,
+            Kind::Butterfly(step) => &step.finer,
         }
     }
 
@@ -110,6 +119,7 @@ impl Step {
         match &self.rules {
             Kind::Primal(step) => step.finer_creases(),
             Kind::Dual(_) => Vec::new(),
+            Kind::Butterfly(step) => step.finer_creases(),
         }
     }
 
@@ -118,6 +128,7 @@ impl Step {
         match &self.rules {
             Kind::Primal(step) => step.parents(),
             Kind::Dual(step) => step.parents(),
+            Kind::Butterfly(step) => step.parents(),
         }
     }
 
@@ -126,6 +137,7 @@ impl Step {
         match &self.rules {
             Kind::Primal(step) => step.positions(old),
             Kind::Dual(step) => step.positions(old),
+            Kind::Butterfly(step) => step.positions(old),
         }
     }
 
@@ -147,6 +159,7 @@ impl AttributeTransfer for OnVertices<'_> {
         match &self.0.rules {
             Kind::Primal(step) => step.carry_vertices(old),
             Kind::Dual(step) => step.carry_vertices(old),
+            Kind::Butterfly(step) => step.carry_vertices(old),
         }
     }
 }
@@ -158,6 +171,7 @@ impl AttributeTransfer for OnCorners<'_> {
         match &self.0.rules {
             Kind::Primal(step) => step.carry_corners(old),
             Kind::Dual(step) => step.carry_corners(old),
+            Kind::Butterfly(step) => step.carry_corners(old),
         }
     }
 }
@@ -197,11 +211,12 @@ impl LastLimit {
     /// Computes the limit masks for the vertices that `step` made.
     ///
     /// # Errors
-    /// If the refined mesh is not manifold.
+    /// If the refined mesh is not manifold, or the scheme has no limit masks.
     pub(crate) fn new(step: &Step) -> Result<Self, Error> {
         let limit = match &step.rules {
             Kind::Primal(step) => KindOfLimit::Primal(FinerLimit::new(step.final_mesh()).into()),
             Kind::Dual(dual) => KindOfLimit::Dual(FinerDualLimit::new(dual)?.into()),
+            Kind::Butterfly(_) => bail!("the scheme has no formulas for its limit surface"),
         };
         Ok(Self { root: step.root.clone(), depth: step.depth, limit })
     }

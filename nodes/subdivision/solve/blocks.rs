@@ -28,7 +28,7 @@ pub(crate) fn limit_matrix(limit: &LimitPositions, faces: &Faces, fixed: &[bool]
         match limit.topology.rules.scheme {
             _ if beside == 0.0 => 1.0,
             _ if indices.len() <= MAX_CURVE_ENTRIES => 1.0 / beside,
-            Scheme::Loop => 1.0 / beside,
+            Scheme::Loop | Scheme::Butterfly => 1.0 / beside,
             Scheme::CatmullClark => n * (n + 5.0),
             Scheme::DooSabin => n,
         }

@@ -49,6 +49,22 @@ pub(crate) fn stray(
     (!is_near(distance, diagonal)).then_some(Stray { distance, diagonal })
 }
 
+/// Returns the maximum distance from the points, in mm, for a tolerance relative to their diagonal. The distance is not below the rounding
+/// errors of an evaluation: 16 units in the last place of the sum of the diagonal and the largest coordinate.
+pub(crate) fn absolute_tolerance(tolerance: f64, points: &[Point3<f64>]) -> f64 {
+    let diagonal = diagonal(points);
+    let largest = points.iter().map(|point| point.coords.amax()).fold(0.0, f64::max);
+    (tolerance * diagonal).max(16.0 * f64::EPSILON * (diagonal + largest))
+}
+
+/// Returns the largest distance of a control point from the bounding box of the given points, relative to the diagonal of the box; 0 if the
+/// box is a single point.
+pub(crate) fn relative_reach(control: &[Point3<f64>], points: &[Point3<f64>]) -> f64 {
+    let Some((low, high)) = bounds(points).filter(|(low, high)| low != high) else { return 0.0 };
+    let distances = control.iter().map(|control| (control - control.sup(&low).inf(&high)).norm());
+    distances.fold(0.0, f64::max) / (high - low).norm()
+}
+
 /// Returns the diagonal of the bounding box of some points.
 pub(crate) fn diagonal(points: &[Point3<f64>]) -> f64 {
     bounds(points).map_or(0.0, |(low, high)| (high - low).norm())

@@ -13,7 +13,7 @@ use maquette_base::linear::residuals::Residuals;
 use maquette_node::{CancelledError, Progress};
 use nalgebra::{Point3, Vector3};
 
-use super::extent::{diagonal, stray};
+use super::extent::{absolute_tolerance, stray};
 use super::interpolation::{Direction, Interpolation};
 use super::record::{Record, STALL_ITERATIONS};
 use super::solution::{End, Outcome, Solution};
@@ -120,6 +120,16 @@ impl OwnLimits {
             .iter_mut()
             .enumerate()
             .for_each(|(k, own)| *own |= !any || holds_up(k, worst, squares));
+        self.restart(iteration);
+    }
+
+    /// Adds all points to the set.
+    fn add_all(&mut self, iteration: u32) {
+        self.is.fill(true);
+        self.restart(iteration);
+    }
+
+    fn restart(&mut self, iteration: u32) {
         // The next iteration measures distances to other foot points, so its distances are not comparable with those of this iteration.
         (self.mark, self.since) = ((f64::INFINITY, iteration), iteration + 1);
     }
@@ -133,10 +143,13 @@ impl OwnLimits {
 /// largest distance grows or is not halved in time, the points with the largest distances switch to such foot points, and the iteration
 /// continues from the best iterate. (A typical cause is that the foot points of neighboring points have converged to nearly the same
 /// position, so the corresponding control points always move alike.) More points switch each time, until the problem is linear. An
-/// iteration that converges as published never switches.
+/// iteration that converges as published never switches. If the curve or surface passes through the points but is far from them elsewhere,
+/// all points switch.
 ///
 /// A nonlinear iteration has diverged if the distances grew or stopped decreasing and were never small, or if the curve or surface left the
-/// neighborhood of the points, which can happen between foot points. The control points themselves may be far from the given points.
+/// neighborhood of the points, which can happen between foot points. Control points that satisfy the tolerance of the linear problem are
+/// the only ones that do, so they are accepted however far they are from the points.
+///
 /// # Errors
 /// If the evaluation is cancelled.
 pub(crate) fn iterate(
@@ -163,7 +176,7 @@ pub(crate) fn iterate(
         let all = squares.iter().fold(Residuals::empty(), |all, &off| all.with_distance_sq(off));
         Residuals { count: free, ..all }.distances()
     }
-    let mut record = Record::new(options.norm, options.tolerance * diagonal(points));
+    let mut record = Record::new(options.norm, absolute_tolerance(options.tolerance, points));
     let mut control = points.to_vec();
     let mut best = (f64::INFINITY, 0, control.clone());
     let mut is_lost = false;
@@ -180,8 +193,8 @@ pub(crate) fn iterate(
             off = squares(&found, points, fixed);
         }
         let now = max_and_rms(&off, free);
-        if record.record(now) && (options.is_linear() || stray(&control, points, &sample).is_none())
-        {
+        let settled = record.record(now);
+        if settled && (own.is_linear() || stray(&control, points, &sample).is_none()) {
             let outcome = Outcome { control, trace: record.into_trace(), end: End::Settled };
             return Ok(Solution { outcome, unreachable: false });
         }
@@ -195,7 +208,10 @@ pub(crate) fn iterate(
         }
         is_lost = 2.0 * record.initial_distance() < record.distance(now)
             || best.1 + MAX_ITERATIONS_WITHOUT_GAIN < iteration;
-        if !own.converges(iteration, now[0]) {
+        if settled {
+            // Passes through the points, but swings far away between them. The solution of the linear problem swings least.
+            own.add_all(iteration);
+        } else if !own.converges(iteration, now[0]) {
             own.add(iteration, &off);
             control.clone_from(&best.2);
         } else if iteration < options.iterations {

@@ -9,7 +9,7 @@ use maquette_base::linear::stencils::Stencils;
 use maquette_node::{CancelledError, Progress};
 use nalgebra::Point3;
 
-use super::extent::diagonal;
+use super::extent::absolute_tolerance;
 use super::interpolation::Interpolation;
 use super::record::Record;
 use super::solution::{End, Outcome, Solution};
@@ -43,7 +43,7 @@ pub(crate) fn least_squares(
     fn max_and_rms(residual: &[Column]) -> [f64; 2] {
         columns::residual_lengths(residual).distances()
     }
-    let mut record = Record::new(options.norm, options.tolerance * diagonal(points));
+    let mut record = Record::new(options.norm, absolute_tolerance(options.tolerance, points));
     let mut unknown: Vec<Column> = start.iter().map(|point| point.coords.into()).collect();
     let mut residual: Vec<Column> = points.iter().map(|point| point.coords.into()).collect();
     columns::add(&mut residual, &rows.apply(&unknown), [-1.0; 3]);

@@ -18,7 +18,7 @@ use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::conjugate_gradients::Search;
-use super::extent::diagonal;
+use super::extent::absolute_tolerance;
 use super::interpolation::{Interpolation, Solver};
 use super::least_squares::least_squares;
 use super::record::Record;
@@ -76,7 +76,7 @@ impl LimitMatrix {
     /// Solves each block by a factorization. Returns `None` if a block is singular.
     fn direct(&self, points: &[Point3<f64>], options: &Interpolation) -> Option<Solution> {
         let mut control = points.to_vec();
-        let mut record = Record::new(options.norm, options.tolerance * diagonal(points));
+        let mut record = Record::new(options.norm, absolute_tolerance(options.tolerance, points));
         record.record(self.block_residuals(&self.blocks, points, &control).distances());
         for members in &self.blocks {
             let block = Block::new(self, members, points, &control);
@@ -100,7 +100,7 @@ impl LimitMatrix {
         progress: &Progress<'_>,
     ) -> Result<Solution, CancelledError> {
         let mut control = points.to_vec();
-        let mut record = Record::new(options.norm, options.tolerance * diagonal(points));
+        let mut record = Record::new(options.norm, absolute_tolerance(options.tolerance, points));
         record.record(self.block_residuals(&self.blocks, points, &control).distances());
         let mut unreachable = false;
         let mut left = options.iterations;

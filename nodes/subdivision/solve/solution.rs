@@ -6,7 +6,7 @@ use maquette_node::{Context, Error, bail};
 use maquette_value::Trace;
 use nalgebra::Point3;
 
-use super::extent::Stray;
+use super::extent::{Stray, relative_reach};
 
 /// The computed control points, with the trace of the iteration.
 #[derive(Clone, Debug)]
@@ -67,37 +67,51 @@ pub struct InterpolationResult<T> {
     pub trace: Trace,
     /// True if the distances are within the tolerance.
     pub settled: bool,
+    /// The largest distance of a control point from the bounding box of the given points, relative to the diagonal of the box.
+    pub reach: f64,
 }
 
+/// Control points beyond this multiple of the diagonal from the box of the given points cause a warning.
+const MAX_REACH: f64 = 3.0;
+
 impl Outcome {
-    /// Converts the control points to a mesh, curve or surface by `shape`.
+    /// Converts the control points, whose curve or surface passes through `points`, to a mesh, curve or surface by `shape`.
     ///
     /// # Errors
     /// If the iteration diverged, or `shape` fails because a control point became infinite.
     pub(crate) fn try_map<T, E: Display>(
         self,
+        points: &[Point3<f64>],
         shape: impl FnOnce(Vec<Point3<f64>>) -> Result<T, E>,
     ) -> Result<InterpolationResult<T>, Error> {
         let settled = match self.end {
             End::Diverged(message) => return Err(Error::new(message)),
             end => end == End::Settled,
         };
+        let reach = relative_reach(&self.control, points);
         match shape(self.control) {
-            Ok(shape) => Ok(InterpolationResult { shape, trace: self.trace, settled }),
+            Ok(shape) => Ok(InterpolationResult { shape, trace: self.trace, settled, reach }),
             Err(error) => bail!("the iteration diverged: {error}"),
         }
     }
 }
 
 impl<T> InterpolationResult<T> {
-    /// Returns the outputs of a node. Warns if the curve or surface is too far from the points; `what` names the curve or surface in the
-    /// warning.
+    /// Returns the outputs of a node. Warns if the curve or surface is too far from the points, or its control points are; `what` names the
+    /// curve or surface in the warning.
     pub(crate) fn outputs(self, cx: &Context<'_>, what: &str) -> (T, Trace) {
         if !self.settled {
             let last = self.trace.steps().last();
             let (iterations, missed) = last.map_or((0, 0.0), |step| (step.iteration, step.max));
             cx.warn(format!(
                 "the {what} is not within the tolerance after {iterations} iterations: the largest distance from a point is {missed:.3e} mm"
+            ));
+        }
+        if self.reach > MAX_REACH {
+            cx.warn(format!(
+                "the control points of the {what} are up to {:.1} diagonals outside of the bounding box of the points: check that the {what} does not \
+                 swing too far between points, and add points where neighbors alternate between high and low",
+                self.reach
             ));
         }
         (self.shape, self.trace)

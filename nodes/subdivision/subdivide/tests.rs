@@ -6,6 +6,7 @@ use crate::refine::plan::apply;
 use crate::refine::topology::Topology;
 use crate::{Boundary, Corners, Creases, Scheme};
 
+mod butterfly;
 mod creases;
 mod limit_surface;
 mod live;

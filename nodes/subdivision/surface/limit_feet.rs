@@ -85,7 +85,9 @@ impl<'a> ClosestFeet<'a> {
         let (halves, starts) = Connectivity::new(faces, points.len())?;
         let surface = match options.scheme {
             Scheme::DooSabin => Shape::dual(mesh, options, &starts)?,
-            Scheme::Loop | Scheme::CatmullClark => Shape::Primal(LimitSurface::new(mesh, options)?),
+            Scheme::Loop | Scheme::CatmullClark | Scheme::Butterfly => {
+                Shape::Primal(LimitSurface::new(mesh, options)?)
+            }
         };
         let mut ring = Ring::default();
         let previous = starts

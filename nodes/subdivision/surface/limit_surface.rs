@@ -57,8 +57,9 @@ impl LimitSurface {
     /// Creates the limit surface of `mesh` with the scheme and the rules in `options`. The number of levels is ignored.
     ///
     /// # Errors
-    /// If the scheme cannot refine a face, or is [`Scheme::DooSabin`](crate::Scheme::DooSabin), or the mesh is not manifold.
+    /// If the scheme cannot refine a face, or is neither `Loop` nor `CatmullClark`, or the mesh is not manifold.
     pub fn new(mesh: &Mesh, options: Subdivision) -> Result<Self, Error> {
+        options.scheme.check_limit()?;
         let rules = options.rules().primal().ok_or_else(|| {
             Error::new("the surface of Doo and Sabin has patches over vertices, not over faces")
         })?;

@@ -97,8 +97,7 @@ fn check(n_control: usize, order: usize) -> Result<(), KnotVectorError> {
         return Err(KnotVectorError::Degree { degree: order.saturating_sub(1) });
     }
     if n_control < order {
-        let (count, degree) = (n_control.saturating_add(order), order - 1);
-        return Err(KnotVectorError::TooFew { count, degree, min: 2 * order });
+        return Err(KnotVectorError::TooFewPoints { points: n_control, degree: order - 1 });
     }
     Ok(())
 }
@@ -163,8 +162,11 @@ mod tests {
 
     #[test]
     fn too_few_control_points_are_refused() {
-        assert!(matches!(KnotVector::uniform(2, 3), Err(KnotVectorError::TooFew { .. })));
-        assert!(matches!(KnotVector::from_parameters(&[], 3), Err(KnotVectorError::TooFew { .. })));
+        assert!(matches!(KnotVector::uniform(2, 3), Err(KnotVectorError::TooFewPoints { .. })));
+        assert!(matches!(
+            KnotVector::from_parameters(&[], 3),
+            Err(KnotVectorError::TooFewPoints { .. })
+        ));
         assert!(matches!(
             KnotVector::from_parameters(&[0.0], 0),
             Err(KnotVectorError::Degree { .. })

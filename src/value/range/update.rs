@@ -15,7 +15,7 @@ impl RangeImage {
     #[must_use]
     pub fn with_moved(&self, rows: &[Range<u32>], mut points: Vec<Point3<f64>>) -> Self {
         without_half_points(&mut points);
-        Self { points: self.points.with_rows(rows, &points), ..self.clone() }
+        Self { points: self.points.with_rows(rows, &points), seam: None, ..self.clone() }
     }
 }
 

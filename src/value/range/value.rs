@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::RangeImage;
+use super::{RangeImage, SeamGaps};
 use crate::content::content_of_fields;
 use crate::edge_cases::{SIZES, point_sets};
 use crate::frame::{counts, pose_of};
@@ -12,15 +12,16 @@ use crate::{
     Pinhole, Property, Registration, Rgb, Summary, Value, Violation,
 };
 
-/// Names of columns of [`Value::parts`] that tests ignore: the triangles that are joined whatever the depth, and the size of the registered
-/// picture.
+/// Names of columns of [`Value::parts`] that tests ignore: the triangles that are joined whatever the depth, the size of the registered
+/// picture, and the measured seam.
 const JOINED: &str = "joined";
 const PICTURE: &str = "picture";
+const SEAM: &str = "seam";
 
 impl Value for RangeImage {
     const NAME: &'static str = "RangeImage";
 
-    content_of_fields! { width height points filled joined colors camera world_from_camera registration }
+    content_of_fields! { width height points filled joined colors camera world_from_camera registration seam }
 
     fn properties() -> &'static [Property<Self>] {
         const {
@@ -36,6 +37,12 @@ impl Value for RangeImage {
             .with_fact("valid", self.n_valid())
             .with_fact("filled", self.filled.iter().filter(|&&filled| filled == 1).count())
             .with_histogram("depth z", self.points.iter().map(|point| point.z));
+        let summary = match self.seam {
+            Some(SeamGaps { angle, curvature }) => summary
+                .with_fact("largest angle at the seam (deg)", angle)
+                .with_fact("largest gap of curvature at the seam (1/mm)", curvature),
+            None => summary,
+        };
         describe_bounds(summary, self.points.iter().filter(|p| !p.x.is_nan()))
     }
 
@@ -77,6 +84,10 @@ impl Value for RangeImage {
         if let Some(camera) = &self.camera {
             parts.push("camera", ElementKind::Whole, Meaning::Number, 4, camera.numbers());
         }
+        if let Some(SeamGaps { angle, curvature }) = self.seam {
+            let gaps = vec![angle, curvature];
+            parts.push_hidden(SEAM, ElementKind::Whole, Meaning::Number, 2, gaps);
+        }
         if let Some(pose) = &self.world_from_camera {
             parts.push("pose", ElementKind::Whole, Meaning::Number, 16, pose.as_slice());
         }
@@ -108,6 +119,9 @@ impl Value for RangeImage {
                 offset: [ox, oy],
                 picture,
             });
+        }
+        if let Some([angle, curvature]) = parts.column(SEAM).map(Part::single).transpose()? {
+            range = range.with_seam(Some(SeamGaps { angle, curvature }));
         }
         let camera = Pinhole::from_parts(parts, "camera")?;
         Ok(range.with_camera(camera).with_world_from_camera(pose_of(parts, "pose")?))

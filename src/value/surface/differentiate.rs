@@ -37,6 +37,11 @@ pub(super) const MIN_SINE: f64 = 1e-12;
 /// have.
 pub(super) const NOISE: f64 = 1e-13;
 
+/// The maximum length of a tangent along a pole, as a fraction of the size of the control points that affect it. Control points of a pole
+/// that came from a file or an iteration differ by rounding errors in single precision or by a tolerance, and the tangents between them
+/// have random directions.
+pub(super) const POLE: f64 = 1e-6;
+
 /// The step inward from a point without a normal to the point where the normal is taken instead, as a fraction of the domain. The step is
 /// invisible in pictures, and large enough for the tangents to be exact to 12 digits.
 const INWARD_FOR_NORMALS: f64 = 1e-4;
@@ -74,17 +79,18 @@ impl Surface {
         }
     }
 
-    /// The unit normal at (u, v), on the side of `S_u x S_v`. If the two tangents do not span a plane (at a collapsed edge or a pole), the
-    /// normal is taken further inward, by 1e-4 of the domain: first along the longer tangent, then along the other one, then along both.
-    /// `None` if none of these points has a normal either.
+    /// The unit normal at (u, v), on the side of `S_u x S_v`. If the two tangents do not span a plane (at a collapsed edge, or a pole whose
+    /// control points differ by up to a millionth of the size of the nearby ones), the normal is taken further inward, by 1e-4 of the
+    /// domain: first along the longer tangent, then along the other one, then along both. `None` if none of these points has a normal
+    /// either.
     ///
     /// If the net came from a capture, its rows run down and its columns run to the right. Then the side of the normal is the side of the
     /// sensor.
     pub fn normal(&self, u: f64, v: f64) -> Option<Unit<Vector3<f64>>> {
         let here = self.derivatives(u, v);
-        let size = here.point.coords.norm();
-        let [noise_u, noise_v] = [(&self.u, u), (&self.v, v)]
-            .map(|(knots, at)| NOISE * steepness(&knots.basis_derivative(at, 1)) * size);
+        let slopes = [self.u.basis_derivative(u, 1), self.v.basis_derivative(v, 1)];
+        let error = (NOISE * here.point.coords.norm()).hypot(POLE * self.extent(&slopes));
+        let [noise_u, noise_v] = slopes.map(|slopes| steepness(&slopes) * error);
         let both = noise_u < here.u.norm() && noise_v < here.v.norm();
         if let Some(normal) = both.then(|| normal(here.u, here.v)).flatten() {
             return Some(normal);
@@ -103,6 +109,16 @@ impl Surface {
             let there = self.derivatives(u, v);
             normal(there.u, there.v)
         })
+    }
+
+    /// The largest distance of the control points that affect a point of the surface, from the first of them.
+    fn extent(&self, [along_u, along_v]: &[Basis; 2]) -> f64 {
+        let columns = self.net.columns();
+        let points = self.net.points();
+        let first = points[along_u.first * columns + along_v.first];
+        let rows = (along_u.first..=along_u.first + self.u.degree())
+            .map(|row| &points[row * columns + along_v.first..][..=self.v.degree()]);
+        rows.flatten().map(|point| (point - first).norm()).fold(0.0, f64::max)
     }
 }
 
@@ -166,6 +182,31 @@ mod tests {
         for (v, normal) in vs.iter().zip(normals) {
             assert!(normal.z > 0.999, "{v}: {normal}");
             assert!(disk.normal(0.0, *v).unwrap().z > 0.999, "{v}");
+        }
+    }
+
+    /// The control points of a pole that came from a file or an iteration are not quite one point.
+    #[test]
+    fn poles_that_are_not_quite_one_point_have_outward_normals() {
+        for error in [0.0, 1e-15, 1e-9, 1e-7, 1e-6] {
+            let ball = net(7, 13, |row, k| {
+                let (polar, turn) =
+                    (std::f64::consts::PI * row / 6.0, std::f64::consts::TAU * k / 12.0);
+                let radius = 10.0 * libm::sin(polar);
+                let at = Vector3::new(radius * libm::cos(turn), radius * libm::sin(turn), 0.0);
+                let at = at + Vector3::z() * (10.0 * libm::cos(polar));
+                let noise = [3.1, 5.3, 7.7].map(|f| libm::sin(1e3 * f * (1.0 + row * f + k)));
+                Point3::from(at + Vector3::from(noise) * error)
+            });
+            let [u, v] = [7, 13].map(|count| KnotVector::uniform(count, 4).unwrap());
+            let ball = Surface::new(ball, u, v).unwrap();
+            let us = [0.0, 1e-9, 1.0, 3.0, 4.0 - 1e-9, 4.0];
+            let vs: Vec<f64> = (0..=40).map(|k| f64::from(k) / 4.0).collect();
+            let (points, normals) = ball.normal_grid(&us, &vs);
+            for (point, normal) in points.iter().zip(normals) {
+                let cosine = normal.dot(&point.coords.normalize());
+                assert!(cosine > 0.95, "{error}: {cosine} at {point}");
+            }
         }
     }
 

@@ -8,8 +8,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::super::knots::Basis;
+use super::super::mesh::diagonal;
 use super::Surface;
-use super::differentiate::{MIN_SINE, NOISE, steepness};
+use super::differentiate::{MIN_SINE, NOISE, POLE, steepness};
 use super::evaluate::table;
 use crate::memory::huge_vec;
 use crate::parallel::*;
@@ -58,14 +59,9 @@ impl Surface {
         let slope_v = table(&self.v, vs, 1);
         let (lines, slopes) = (self.lines(&table(&self.v, vs, 0)), self.lines(&slope_v));
         let [noise_u, noise_v] = [&slope_u, &slope_v].map(|slopes| {
-            slopes
-                .iter()
-                .map(|basis| {
-                    let noise = NOISE * steepness(basis);
-                    noise * noise
-                })
-                .collect::<Vec<_>>()
+            slopes.iter().map(|basis| steepness(basis) * steepness(basis)).collect::<Vec<_>>()
         });
+        let pole = POLE * diagonal(self.net.points());
         let points_of = points.par_chunks_mut(STRIP * vs.len());
         let normals_of = normals.par_chunks_mut(STRIP * vs.len());
         points_of.zip(normals_of).enumerate().for_each(|(strip, (points, normals))| {
@@ -75,6 +71,7 @@ impl Surface {
                 lines: [&lines, &slopes],
                 bases: [&along_u[first..], &slope_u[first..]],
                 noise: [&noise_u[first..], &noise_v],
+                pole_sq: pole * pole,
                 at: [&us[first..], vs],
                 points,
                 normals,
@@ -106,13 +103,14 @@ impl Surface {
     /// derivatives by u and by v.
     ///
     /// With A = (w S, w), the tangent `(A_u - w_u S) / w` has the direction of `A_u - w_u S`, and the normal has the direction of the cross
-    /// product of two such vectors. The exception is a tangent that is only a rounding error of zero; the parameters `noise_` are the
-    /// squares of such errors, for points of size 1.
+    /// product of two such vectors. The exception is a tangent that may be only a rounding error of zero, or one along a pole. The
+    /// parameters `noise_` are the squares of such tangents for errors of size 1, and `pole_sq` is the square of the largest error of the
+    /// control points of a pole. Where a tangent is so small, [`normal`](Self::normal) decides by the control points near that point.
     #[inline(always)]
     fn write_normals(
         &self,
         sums: &mut [Sums; 3],
-        (noise_u, noise_vs): (f64, &[f64]),
+        (noise_u, noise_vs, pole_sq): (f64, &[f64], f64),
         (u, vs): (f64, &[f64]),
         normals: &mut [Vector3<f64>],
     ) {
@@ -128,13 +126,14 @@ impl Surface {
             let (nx, ny, nz) = (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx);
             let length_sq = nx * nx + ny * ny + nz * nz;
             let (a_sq, b_sq) = (ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz);
-            let size_sq = (px[k] * px[k] + py[k] * py[k] + pz[k] * pz[k]) * (w[k] * w[k]);
+            let size_sq = px[k] * px[k] + py[k] * py[k] + pz[k] * pz[k];
+            let error_sq = (NOISE * NOISE * size_sq + pole_sq) * (w[k] * w[k]);
             let scale = 1.0 / length_sq.sqrt();
             (ux[k], uy[k], uz[k]) = (nx * scale, ny * scale, nz * scale);
             // The square of the length of the normal, or 0 where the tangents are almost parallel.
             let spans = (length_sq > MIN_SINE * MIN_SINE * (a_sq * b_sq))
-                & (a_sq > noise_u * size_sq)
-                & (b_sq > noise_v[k] * size_sq);
+                & (a_sq > noise_u * error_sq)
+                & (b_sq > noise_v[k] * error_sq);
             sine[k] = if spans { length_sq } else { 0.0 };
         }
         for (k, normal) in normals.iter_mut().enumerate() {
@@ -209,12 +208,14 @@ impl Kernel for PointStrip<'_> {
 }
 
 /// Some rows of the grid of points and normals. `lines` and `bases` have the data for values, then those for derivatives; `noise` and `at`
-/// have the data for u, then those for v. Lists along u begin with the entries of these rows; further entries are ignored.
+/// have the data for u, then those for v. Lists along u begin with the entries of these rows; further entries are ignored. `noise` and
+/// `pole_sq` are explained at [`Surface::write_normals`].
 struct NormalStrip<'a> {
     surface: &'a Surface,
     lines: [&'a Lines; 2],
     bases: [&'a [Basis]; 2],
     noise: [&'a [f64]; 2],
+    pole_sq: f64,
     at: [&'a [f64]; 2],
     points: &'a mut [Point3<f64>],
     normals: &'a mut [Vector3<f64>],
@@ -237,7 +238,7 @@ impl Kernel for NormalStrip<'_> {
                 lines.sum(&slope_u[row], from, count, by_u);
                 slopes.sum(&along_u[row], from, count, by_v);
                 self.surface.write_points(at, us[row], vs, &mut points[from..][..count]);
-                let noise = (noise_u[row], &noise_v[from..][..count]);
+                let noise = (noise_u[row], &noise_v[from..][..count], self.pole_sq);
                 let normals = &mut normals[from..][..count];
                 self.surface.write_normals(&mut sums, noise, (us[row], vs), normals);
             }

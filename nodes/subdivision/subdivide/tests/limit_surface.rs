@@ -145,7 +145,7 @@ fn fixed_neighborhoods_and_pieces_give_equal_points() {
             let surface = surface(&mesh, scheme);
             let parts = match scheme {
                 Scheme::Loop => 4 * mesh.faces().len(),
-                Scheme::CatmullClark | Scheme::DooSabin => mesh.faces().corners().len(),
+                _ => mesh.faces().corners().len(),
             };
             for part in 0..parts as u32 {
                 for [u, v] in
