@@ -1,5 +1,6 @@
 //! Code shared by several packs: sparse linear systems, mesh topology, spatial search, and limits on sizes.
 
+pub mod light;
 pub mod limits;
 pub mod linear;
 pub mod parameters;

@@ -6,6 +6,7 @@ pub mod cholesky;
 pub mod columns;
 pub mod laplace;
 pub mod lu;
+pub mod membrane;
 mod multigrid;
 pub mod residuals;
 pub mod stencils;

@@ -2,13 +2,14 @@
 
 pub use baking::{Baking, Level};
 use level::Leveling;
+use maquette_base::light::color_of;
+use maquette_base::linear::membrane::Membrane;
 use maquette_base::topology::lists::Lists;
 use maquette_mesh::Poses;
 use maquette_node::{
     Carry, Context, Error, Estimate, FieldError, In, Limit, Node, Progress, Promise, Transfer, bail,
 };
 use maquette_value::{Image, Mask, Mesh, Rgb, Value};
-use membrane::Membrane;
 use nalgebra::Matrix4;
 use sample::{MeanColor, Sample, weighted_mean};
 use schemars::JsonSchema;
@@ -18,12 +19,10 @@ use view::View;
 
 use super::atlas::{Coordinates, Texels, with_atlas};
 use super::layout::{Layout, SIZE};
-use super::light::color_of;
 
 mod baking;
 mod camera;
 mod level;
-mod membrane;
 mod sample;
 mod spot;
 #[cfg(test)]

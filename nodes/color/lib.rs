@@ -6,7 +6,6 @@ mod atlas;
 mod bake;
 mod colors_to_texture;
 mod layout;
-mod light;
 #[cfg(test)]
 mod tests;
 mod texture_to_colors;

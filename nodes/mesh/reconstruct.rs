@@ -8,7 +8,7 @@ use maquette_node::{
     Carry, Context, Error, Estimate, In, Limit, Node, Progress, Promise, Transfer, bail,
 };
 use maquette_value::parallel::*;
-use maquette_value::{Attribute, CaptureFrame, Faces, Mesh, MeshError, Rgb};
+use maquette_value::{Attribute, CaptureFrame, Faces, Mesh, MeshError};
 use nalgebra::{Matrix4, Point3, Vector3};
 use poisson::Field;
 use schemars::JsonSchema;
@@ -20,7 +20,10 @@ use super::poses::{Poses, no_pose_error};
 
 mod cells;
 mod cloud;
+mod colors;
 mod contour;
+mod doubts;
+mod fit;
 mod orient;
 mod poisson;
 mod relax;
@@ -33,7 +36,7 @@ mod tests;
 /// Noise is averaged, gaps are bridged, and overlapping sources become one surface. Given normals determine the outside; range images know
 /// the side of their sensor; otherwise normals are estimated and oriented outward. The surface is manifold with faces of uniform size.
 /// Points and vertices with an attribute `confidence` are weighted by it, others by 1. Vertices far from all points are flagged `filled`;
-/// colors are kept if all sources have some.
+/// colors are kept if all sources have some, and flow smoothly over what is filled.
 ///
 /// In other programs: Poisson, voxel, wrap, shrinkwrap.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -131,7 +134,9 @@ impl Node for Reconstruct {
             let all = sources.len();
             cx.warn(format!("only {known} of {all} sources have a pose, so that none is moved"));
         }
-        Ok((reconstruct(&sources, self.poses, &self.how, cx.progress())?,))
+        let result = reconstruct_with_warnings(&sources, self.poses, &self.how, cx.progress())?;
+        result.warnings.into_iter().for_each(|warning| cx.warn(warning));
+        Ok((result.mesh,))
     }
 }
 
@@ -188,8 +193,9 @@ impl Default for Options {
 /// The mesh is a surface net (Gibson, "Constrained elastic surface nets", 1998): a mesh with a vertex in each grid cell that the surface
 /// intersects, whose vertices are moved along the surface until they are evenly distributed. The surface is a level set of a screened
 /// Poisson function (Kazhdan and Hoppe, 2013) of points with normals, which are estimated and oriented after Hoppe et al. (1992). The
-/// finest grid has the edge length `spacing`. Its automatic value is 1.25 times the spacing of the points, or 1.5 times the standard
-/// deviation of the points from their surface, if that is larger.
+/// net has the edge length `spacing`; the function is computed on finer grids if the points are denser, and the vertices are then moved
+/// so that the faces are in the middle of the points (Hoppe et al., "Mesh optimization", 1993). The automatic value of `spacing` is 1.25
+/// times the spacing of the points, or 1.5 times the standard deviation of the points from their surface, if that is larger.
 ///
 /// # Errors
 /// Returns an error if there is no source, there are too few points, all points are on a line or, for a closed surface, in a plane, a pose
@@ -200,6 +206,21 @@ pub fn reconstruct(
     options: &Options,
     progress: &Progress<'_>,
 ) -> Result<Mesh, Error> {
+    Ok(reconstruct_with_warnings(sources, poses, options, progress)?.mesh)
+}
+
+/// A reconstructed surface, and warnings about points that do not fit to it.
+struct Reconstruction {
+    mesh: Mesh,
+    warnings: Vec<String>,
+}
+
+fn reconstruct_with_warnings(
+    sources: &[Scattered],
+    poses: Poses,
+    options: &Options,
+    progress: &Progress<'_>,
+) -> Result<Reconstruction, Error> {
     options.check()?;
     if sources.is_empty() {
         bail!("the list `points` is empty, so there is nothing to reconstruct");
@@ -209,14 +230,21 @@ pub fn reconstruct(
     POINTS.check("the surface", count as f64)?;
     let cloud = Cloud::new(sources, &poses, options.normals == Normals::Given);
     let pieces = Pieces::new(&cloud, options, progress)?;
+    let mut warnings = doubts::about_points(&pieces);
     let field = progress.part(0.3..0.7, |progress| {
         Field::solve(&pieces.pyramid, &pieces.surfels, options.screening, progress)
     })?;
-    let mut skin = progress.part(0.7..0.85, |progress| contour(&field, progress))?;
-    progress.part(0.85..0.95, |progress| relax::relax(&mut skin, &field, progress))?;
+    let skin_depth = pieces.skin_depth;
+    let mut skin = progress.part(0.7..0.8, |progress| contour(&field, skin_depth, progress))?;
+    let net = skin.positions.clone();
+    progress.part(0.8..0.9, |progress| relax::relax(&mut skin, &field, skin_depth, progress))?;
     drop(field);
-    let Pieces { pyramid, surfels, noise } = &pieces;
-    let mut supported = relax::find_supported(&skin, pyramid, surfels, options.reach, *noise);
+    if options.spacing > 0.0 {
+        let missed = progress
+            .part(0.9..0.97, |progress| fit::fit(&mut skin, &pieces, &cloud, &net, progress))?;
+        warnings.extend(doubts::about_thin_parts(missed, options.spacing));
+    }
+    let mut supported = relax::find_supported(&skin, &pieces, options.reach);
     relax::drop_chance(&mut skin, &mut supported);
     if options.skin == SkinKind::Open {
         relax::remove_unsupported(&mut skin, &mut supported);
@@ -226,17 +254,23 @@ pub fn reconstruct(
             "no surface is left near the points: their normals are inconsistent, or `reach` or `spacing` is unsuitable for them"
         );
     }
-    let colors = cloud.colors.as_ref().map(|colors| vertex_colors(&skin, &pieces, colors));
     let mesh = Mesh::new(skin.positions.clone(), faces(&skin, options.faces)?)?.with_frame(frame);
-    let mesh = match colors {
-        Some(colors) => mesh.with_vertex("color", Attribute::Color(colors.into()))?,
+    warnings.extend(doubts::about_parts(&mesh, &relax::parts(&skin)));
+    let mesh = match &cloud.colors {
+        Some(colors) => {
+            let colors = progress.part(0.97..1.0, |progress| {
+                colors::vertex_colors(&mesh, &supported, &pieces, colors, progress)
+            })?;
+            mesh.with_vertex("color", Attribute::Color(colors.into()))?
+        }
         None => mesh,
     };
     if supported.iter().all(|&is_supported| is_supported) {
-        return Ok(mesh);
+        return Ok(Reconstruction { mesh, warnings });
     }
     let filled: Vec<u8> = supported.iter().map(|&is_supported| u8::from(!is_supported)).collect();
-    Ok(mesh.with_vertex("filled", Attribute::Flag(filled.into()))?)
+    let mesh = mesh.with_vertex("filled", Attribute::Flag(filled.into()))?;
+    Ok(Reconstruction { mesh, warnings })
 }
 
 impl Options {
@@ -318,6 +352,10 @@ struct Pieces {
     surfels: Vec<Surfel>,
     /// Standard deviation of the points from their surface, in mm.
     noise: f64,
+    /// Mean spacing of the points, in mm.
+    distance: f64,
+    /// The depth of the cells whose edges are as long as those of the result. The pyramid is finer than the result if the points are.
+    skin_depth: u32,
 }
 
 /// Minimum edge length of the grid's cells, in multiples of the points' spacing, if `spacing` is automatic. Shorter edges leave holes
@@ -333,20 +371,41 @@ impl Pieces {
         let distance = check(&cloud.positions, options.skin)?;
         progress.tick(0.02)?;
         let given = options.spacing > 0.0;
-        let mut edge = if given { options.spacing } else { PER_DISTANCE * distance };
-        let mut pyramid = Pyramid::new(cloud, cube(&cloud.positions, edge)?);
+        let edge = if given { options.spacing } else { PER_DISTANCE * distance };
+        let mut halvings = if given { halvings(edge, FINEST * distance) } else { 0 };
+        let mut pyramid =
+            Pyramid::new(cloud, cube(&cloud.positions, edge, halvings)?, GAP * edge, progress)?;
         progress.tick(0.06)?;
         let (mut flat, mut noise) = pyramid.flat_depth();
-        if !given && PER_NOISE * noise > 1.1 * edge {
-            edge = PER_NOISE * noise;
-            pyramid = Pyramid::new(cloud, cube(&cloud.positions, edge)?);
+        let coarser = if given {
+            let noisy = self::halvings(edge, PER_NOISE * noise).min(halvings);
+            (noisy < halvings).then_some((edge, noisy))
+        } else {
+            (PER_NOISE * noise > 1.1 * edge).then_some((PER_NOISE * noise, 0))
+        };
+        if let Some((edge, fewer)) = coarser {
+            halvings = fewer;
+            pyramid =
+                Pyramid::new(cloud, cube(&cloud.positions, edge, halvings)?, GAP * edge, progress)?;
             (flat, noise) = pyramid.flat_depth();
         }
         let mut surfels =
             progress.part(0.1..0.2, |progress| surfels(&pyramid, cloud, flat, progress))?;
         progress.part(0.2..0.3, |progress| orient::orient(&pyramid, &mut surfels, progress))?;
-        Ok(Self { pyramid, surfels, noise })
+        let skin_depth = pyramid.cube.depth - halvings;
+        Ok(Self { pyramid, surfels, noise, distance, skin_depth })
     }
+}
+
+/// Minimum distance of two sheets of the surface, in edges of the result.
+const GAP: f64 = 0.6;
+
+/// Minimum edge length of the grid's cells, in multiples of the points' spacing, if `spacing` is given.
+const FINEST: f64 = 0.7;
+
+/// Returns the number of times that `edge` can be halved without getting shorter than `least`.
+fn halvings(edge: f64, least: f64) -> u32 {
+    (1..=MAX_DEPTH).take_while(|&k| edge >= least * f64::from(1_u32 << k)).count() as u32
 }
 
 /// Returns the error for `count` distinct points, which enclose no volume.
@@ -440,16 +499,22 @@ fn bounds(positions: &[Point3<f64>]) -> Option<(Point3<f64>, Point3<f64>)> {
     )
 }
 
-/// Returns a cube around all points, with a quarter of their extent as margin, in cells of the given edge length.
-fn cube(positions: &[Point3<f64>], edge: f64) -> Result<Cube, Error> {
+/// Returns a cube around all points, with a quarter of their extent as margin, in cells of the given edge length that are halved `halvings`
+/// times.
+fn cube(positions: &[Point3<f64>], edge: f64, halvings: u32) -> Result<Cube, Error> {
     let (low, high) = bounds(positions).ok_or_else(|| too_few_error(0))?;
     let size = (high - low).max();
     let cells = (1.25 * size / edge).max(1.0) + 8.0;
     SIDE.check("the grid", cells)?;
     let depth = (1..=MAX_DEPTH).find(|&depth| f64::from(1_u32 << depth) >= cells);
     let depth = depth.unwrap_or(MAX_DEPTH);
+    let halvings = halvings.min(MAX_DEPTH - depth);
     let half = Vector3::repeat(0.5 * edge * f64::from(1_u32 << depth));
-    Ok(Cube { corner: nalgebra::center(&low, &high) - half, edge, depth })
+    Ok(Cube {
+        corner: nalgebra::center(&low, &high) - half,
+        edge: edge / f64::from(1_u32 << halvings),
+        depth: depth + halvings,
+    })
 }
 
 /// Returns the faces of the result: the quads of `skin`, or two triangles for each quad, split along the shorter diagonal.
@@ -471,10 +536,4 @@ fn faces(skin: &Skin, kind: FaceKind) -> Result<Faces, MeshError> {
             })
             .collect(),
     ))
-}
-
-/// Returns the mean color of the points around each vertex.
-fn vertex_colors(skin: &Skin, pieces: &Pieces, colors: &[Rgb]) -> Vec<Rgb> {
-    let of_cells = pieces.pyramid.colors(colors);
-    skin.positions.par_iter().map(|at| pieces.pyramid.color_at(at, &of_cells)).collect()
 }

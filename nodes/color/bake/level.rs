@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use maquette_base::light::channel;
+use maquette_base::linear::membrane::Membrane;
 use maquette_base::topology::lists::Lists;
 use maquette_node::{CancelledError, Progress};
 use nalgebra::{DMatrix, DVector};
 
 use super::super::atlas::Texels;
-use super::super::light::channel;
 use super::baking::Level;
-use super::membrane::Membrane;
 use super::sample::{MeanColor, Sample, weighted_mean};
 
 /// The data that is used to equalize the colors of texels.

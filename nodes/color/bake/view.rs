@@ -8,11 +8,11 @@ use maquette_value::parallel::*;
 use maquette_value::{Image, Mesh, TriangleTree};
 use nalgebra::{Matrix4, Point3, Vector3};
 
-use super::super::light::light_of;
 use super::baking::Baking;
 use super::camera::Camera;
 use super::sample::Sample;
 use super::spot::Spot;
+use maquette_base::light::light_of;
 
 /// A capture that was moved into the coordinates of the baked mesh.
 pub(super) struct View<'a> {

@@ -54,6 +54,11 @@ impl Cloud {
         cloud
     }
 
+    /// Returns true if the normal of a point, or the direction to its sensor, is known.
+    pub(super) fn has_sides(&self) -> bool {
+        self.normals.iter().chain(&self.views).any(|side| *side != Vector3::zeros())
+    }
+
     /// Reads the weights of points from the attribute `confidence` of their sources. Points of sources without this attribute have the
     /// weight 1.
     fn weigh(&mut self, sources: &[Scattered]) {

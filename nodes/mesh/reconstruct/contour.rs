@@ -1,4 +1,4 @@
-//! Extracts the level set of a function as quads. The mesh has a vertex in each finest cell that the level set intersects, and a quad
+//! Extracts the level set of a function as quads. The mesh has a vertex in each cell of one depth that the level set intersects, and a quad
 //! across each grid edge that the level set crosses.
 //!
 //! Gibson, "Constrained elastic surface nets" (1998). With one vertex per cell, the mesh is closed, but two sheets may share a vertex or an
@@ -28,20 +28,28 @@ pub(super) struct Skin {
     pub(super) quads: Vec<[u32; 4]>,
 }
 
-/// Returns the closed surface at which a function has the value [`super::poisson::SURFACE`].
-pub(super) fn contour(field: &Field, progress: &Progress<'_>) -> Result<Skin, Error> {
-    let (cells, nodes) = intersected_cells(field, progress)?;
-    let depth = field.cube.depth;
+/// Returns the closed surface at which a function has the value [`super::poisson::SURFACE`], with one vertex in each cell of `depth` that it
+/// intersects.
+pub(super) fn contour(field: &Field, depth: u32, progress: &Progress<'_>) -> Result<Skin, Error> {
+    let (mut cells, mut nodes) = intersected_cells(field, progress)?;
+    let halvings = field.cube.depth - depth;
+    progress.check()?;
+    if halvings > 0 {
+        cells = coarser(&cells, halvings).spread(1 << depth, -1..=1);
+        nodes = cells.spread((1 << depth) + 1, 0..=1);
+    }
     let mut values: Vec<f64> = (0..nodes.len())
         .into_par_iter()
-        .map(|node: usize| field.at_node(nodes.place(node), depth, depth + 1) - SURFACE)
+        .map(|node: usize| mean_value(field, nodes.place(node), depth) - SURFACE)
         .collect();
     // A node on the surface counts as outside, so that the two ends of each crossed edge have different signs.
     values.par_iter_mut().for_each(|x| *x = if *x == 0.0 { -f64::MIN_POSITIVE } else { *x });
     progress.tick(0.5)?;
-    let taken_in = compose(field, &cells, &nodes, &values, progress)?;
-    let signs = Signs { field, nodes: &nodes, values: &values, taken_in: &taken_in };
-    let cells = if taken_in.is_empty() { cells } else { signs.cells(&cells) };
+    let taken_in = compose(field, depth, &cells, &nodes, &values, progress)?;
+    let signs = Signs { field, depth, nodes: &nodes, values: &values, taken_in: &taken_in };
+    progress.check()?;
+    let is_exact = halvings == 0 && taken_in.is_empty();
+    let cells = if is_exact { cells } else { signs.cells(&cells) };
     let corners: Vec<[f64; 8]> =
         (0..cells.len()).into_par_iter().map(|cell| signs.of_cell(cells.place(cell))).collect();
     let positions: Vec<Point3<f64>> = corners
@@ -56,6 +64,26 @@ pub(super) fn contour(field: &Field, progress: &Progress<'_>) -> Result<Skin, Er
         .collect();
     progress.tick(1.0)?;
     Ok(Skin { positions, quads })
+}
+
+/// Returns the function at a node of a depth, averaged over a cell of that depth around the node. Where the field is finer than the surface,
+/// single values would miss some thin parts and hit others.
+fn mean_value(field: &Field, place: CellIndex, depth: u32) -> f64 {
+    let last = field.cube.depth;
+    let steps = match last - depth {
+        0 => return field.at_node(place, depth, depth + 1),
+        1 => 2,
+        _ => 3,
+    };
+    let scale = f64::from(1_u32 << (last - depth));
+    let count = steps * steps * steps;
+    let values = (0..count).map(|k: i32| {
+        let at = [k % steps, k / steps % steps, k / steps / steps]
+            .map(|step| (f64::from(step) + 0.5) / f64::from(steps) - 0.5);
+        let at = [0, 1, 2].map(|axis| (f64::from(place[axis]) + at[axis]) * scale);
+        field.value_and_gradient(at, last, last + 1).0
+    });
+    values.sum::<f64>() / f64::from(count)
 }
 
 fn is_mixed(values: &[f64; 8]) -> bool {
@@ -99,6 +127,15 @@ fn intersected_cells(field: &Field, progress: &Progress<'_>) -> Result<(Places, 
     Ok((cells, nodes))
 }
 
+/// Returns the cells of a coarser depth that contain some cells.
+fn coarser(cells: &Places, halvings: u32) -> Places {
+    let mut places: Vec<[u16; 3]> =
+        (0..cells.len()).map(|cell| cells.place(cell).map(|x| (x >> halvings) as u16)).collect();
+    places.sort_unstable_by_key(|&[x, y, z]| [z, y, x]);
+    places.dedup();
+    Places::new(cells.side() >> halvings, places)
+}
+
 /// Returns the corners of a cell; corner `k` is offset by the bits of `k`, x first.
 fn corners_of([x, y, z]: CellIndex) -> [CellIndex; 8] {
     std::array::from_fn(|k| {
@@ -112,6 +149,7 @@ fn corners_of([x, y, z]: CellIndex) -> [CellIndex; 8] {
 /// The values of the function at the nodes, minus the value at the surface: above 0 inside, below 0 outside.
 struct Signs<'a> {
     field: &'a Field,
+    depth: u32,
     nodes: &'a Places,
     values: &'a [f64],
     taken_in: &'a BTreeSet<CellIndex>,
@@ -122,10 +160,9 @@ impl Signs<'_> {
         if self.taken_in.contains(&place) {
             return f64::MIN_POSITIVE;
         }
-        let depth = self.field.cube.depth;
         match self.nodes.find(place) {
             Some(node) => self.values[node],
-            None => self.field.at_node(place, depth, depth + 1) - SURFACE,
+            None => mean_value(self.field, place, self.depth) - SURFACE,
         }
     }
 
@@ -156,6 +193,7 @@ impl Signs<'_> {
 /// Returns the outer nodes that become inner ones, so that two sheets of the surface never meet in a cell.
 fn compose(
     field: &Field,
+    depth: u32,
     cells: &Places,
     nodes: &Places,
     values: &[f64],
@@ -164,7 +202,7 @@ fn compose(
     let mut taken_in = BTreeSet::new();
     let composed: Vec<bool> = (0..=255).map(is_composed).collect();
     let none = BTreeSet::new();
-    let signs = Signs { field, nodes, values, taken_in: &none };
+    let signs = Signs { field, depth, nodes, values, taken_in: &none };
     let bad: Vec<usize> = (0..cells.len())
         .into_par_iter()
         .filter(|&cell| !composed[mask(&signs.of_cell(cells.place(cell)))])
@@ -173,13 +211,13 @@ fn compose(
     // Each step adds one inner node, so the loop terminates.
     while let Some(cell) = cells.pop() {
         progress.check()?;
-        let signs = Signs { field, nodes, values, taken_in: &taken_in };
+        let signs = Signs { field, depth, nodes, values, taken_in: &taken_in };
         let corners = signs.of_cell(cell);
         if composed[mask(&corners)] {
             continue;
         }
         // Nodes at the border of the cube must stay outside; otherwise the surface would be open.
-        let last = 1 << field.cube.depth;
+        let last = 1 << depth;
         let outside = (0..8)
             .filter(|&k| corners[k] <= 0.0)
             .filter(|k| corners_of(cell)[*k].iter().all(|&x| 0 < x && x < last));

@@ -64,6 +64,7 @@ impl Field {
         for depth in 0..=cube.depth {
             let side = (1 << depth) + 1;
             let sums = sums(pyramid, surfels, depth);
+            progress.check()?;
             let (free, nodes) = if depth <= WHOLE {
                 (None, Places::full(side))
             } else {
@@ -73,13 +74,17 @@ impl Field {
                 cells.par_sort_unstable_by_key(|&[x, y, z]| [z, y, x]);
                 cells.dedup();
                 let cells = Places::new(side - 1, cells);
+                progress.check()?;
                 (Some(cells.spread(side, -1..=2)), cells.spread(side, -2..=3))
             };
+            progress.check()?;
             count += nodes.len();
             NODES.check("the grid", count as f64)?;
             let values = field.values_at(&nodes, depth);
             let mut level = PoissonLevel::new(&cube, depth, nodes, free.as_ref(), values);
+            progress.check()?;
             level.add_normals(&sums);
+            progress.check()?;
             level.screen(&sums, screening);
             // The coarsest grids get more steps, because no coarser grid would correct the smooth part of the error.
             let steps = if depth <= WHOLE { 4 * STEPS } else { STEPS };
@@ -145,12 +150,11 @@ impl Field {
         (0.0, Vector3::zeros())
     }
 
-    /// Returns the value of the function at a point, and its gradient there in 1/mm.
-    pub(super) fn at_point(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
-        let depth = self.cube.depth;
-        let (value, gradient) =
-            self.value_and_gradient(self.cube.in_cells(point, depth), depth, depth + 1);
-        (value, gradient / self.cube.edge)
+    /// Returns the value of the function at a point, and its gradient there in 1/mm, on the grids up to a depth.
+    pub(super) fn at_point(&self, point: &Point3<f64>, depth: u32) -> (f64, Vector3<f64>) {
+        let at = self.cube.in_cells(point, depth);
+        let (value, gradient) = self.value_and_gradient(at, depth, depth + 1);
+        (value, gradient / self.cube.edge_at(depth))
     }
 }
 

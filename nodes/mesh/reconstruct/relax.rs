@@ -6,9 +6,10 @@ use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
+use super::Pieces;
 use super::contour::Skin;
 use super::poisson::{Field, SURFACE};
-use super::surfels::{Pyramid, Surfel, place};
+use super::surfels::place;
 
 /// Number of rounds that move each vertex towards the centroid of its neighbors. After 4 rounds, the mesh's edges still show the grid; more
 /// than 12 rounds improve nothing.
@@ -18,6 +19,7 @@ const ROUNDS: usize = 8;
 pub(super) fn relax(
     skin: &mut Skin,
     field: &Field,
+    depth: u32,
     progress: &Progress<'_>,
 ) -> Result<(), CancelledError> {
     let neighbors = Neighbors::new(skin);
@@ -31,7 +33,7 @@ pub(super) fn relax(
                     return positions[vertex];
                 }
                 let sum: Vector3<f64> = near.iter().map(|&v| positions[v as usize].coords).sum();
-                project(field, &Point3::from(sum / near.len() as f64), &positions[vertex])
+                project(field, depth, &Point3::from(sum / near.len() as f64), &positions[vertex])
             })
             .collect();
         progress.tick((round + 1) as f64 / ROUNDS as f64)?;
@@ -39,25 +41,27 @@ pub(super) fn relax(
     Ok(())
 }
 
-/// Returns the point on the surface near `goal`, found by Newton steps along the gradient, each at most half a cell long. If the steps do
-/// not converge, returns `before`.
-fn project(field: &Field, goal: &Point3<f64>, before: &Point3<f64>) -> Point3<f64> {
-    let half = 0.5 * field.cube.edge;
+/// Returns the point on the surface near `goal`, found by Newton steps along the gradient, each at most half a cell long, on the grids from
+/// `depth` to the finest one. If the steps do not converge, returns `before`.
+fn project(field: &Field, depth: u32, goal: &Point3<f64>, before: &Point3<f64>) -> Point3<f64> {
     let mut at = *goal;
-    for _ in 0..3 {
-        let (value, gradient) = field.at_point(&at);
-        let square = gradient.norm_squared();
-        if square * half * half < 1e-8 {
-            return *before;
-        }
-        let step = gradient * ((SURFACE - value) / square);
-        let length = step.norm();
-        at += step * (half / length.max(half));
-        if length < 1e-3 * half {
-            break;
+    for depth in depth..=field.cube.depth {
+        let half = 0.5 * field.cube.edge_at(depth);
+        for _ in 0..3 {
+            let (value, gradient) = field.at_point(&at, depth);
+            let square = gradient.norm_squared();
+            if square * half * half < 1e-8 {
+                return *before;
+            }
+            let step = gradient * ((SURFACE - value) / square);
+            let length = step.norm();
+            at += step * (half / length.max(half));
+            if length < 1e-3 * half {
+                break;
+            }
         }
     }
-    if (at - goal).norm() > 2.0 * half { *before } else { at }
+    if (at - goal).norm() > field.cube.edge_at(depth) { *before } else { at }
 }
 
 /// The vertices that share an edge with each vertex.
@@ -81,6 +85,10 @@ impl Neighbors {
         Self(Lists::group(skin.positions.len(), || edges.iter().copied()))
     }
 
+    pub(super) fn len(&self) -> usize {
+        self.0.len()
+    }
+
     pub(super) fn neighbors(&self, vertex: usize) -> &[u32] {
         self.0.list(vertex)
     }
@@ -92,13 +100,9 @@ const OFF_PLANE: f64 = 0.5;
 
 /// Returns, for each vertex, true if points support it: the nearest surfel is at most `reach` times the local spacing of points away, and
 /// the vertex is near the surfel's plane.
-pub(super) fn find_supported(
-    skin: &Skin,
-    pyramid: &Pyramid,
-    surfels: &[Surfel],
-    reach: f64,
-    noise: f64,
-) -> Vec<bool> {
+pub(super) fn find_supported(skin: &Skin, pieces: &Pieces, reach: f64) -> Vec<bool> {
+    let Pieces { pyramid, surfels, noise, skin_depth, .. } = pieces;
+    let skin_edge = pyramid.cube.edge_at(*skin_depth);
     skin.positions
         .par_iter()
         .map(|at: &Point3<f64>| {
@@ -113,7 +117,7 @@ pub(super) fn find_supported(
                     if surfel.normal == Vector3::zeros() {
                         return f64::INFINITY;
                     }
-                    let spacing = surfel.spacing.max(pyramid.cube.edge);
+                    let spacing = surfel.spacing.max(skin_edge);
                     let away = at - surfel.on_plane;
                     let off = away.dot(&surfel.normal).abs() - OFF_PLANE * spacing;
                     (away.norm() - reach * spacing).max(off) - 3.0 * noise
@@ -123,7 +127,8 @@ pub(super) fn find_supported(
                     return true;
                 }
                 // Cells farther away may contain sparser points, whose allowed distance is larger.
-                if least < f64::INFINITY && least > edge || depth == 0 {
+                let is_far = depth <= *skin_depth && least < f64::INFINITY && least > edge;
+                if is_far || depth == 0 {
                     return false;
                 }
                 depth -= 1;
@@ -154,7 +159,7 @@ pub(super) fn drop_chance(skin: &mut Skin, supported: &mut Vec<bool>) {
 const SUPPORTED: f64 = 0.05;
 
 /// Returns the component of each vertex; components are numbered by their first vertices.
-fn parts(skin: &Skin) -> Vec<u32> {
+pub(super) fn parts(skin: &Skin) -> Vec<u32> {
     let mut parts = UnionFind::new(skin.positions.len());
     for quad in &skin.quads {
         quad[1..].iter().for_each(|&vertex| parts.union(quad[0], vertex));

@@ -6,7 +6,6 @@
 //! to average out noise.
 
 use maquette_node::{CancelledError, Progress};
-use maquette_value::Rgb;
 use maquette_value::parallel::*;
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -63,6 +62,9 @@ pub(super) struct Pyramid {
     /// The indices of the points, ordered by finest cell.
     pub(super) order: Vec<u32>,
     pub(super) starts: Vec<u32>,
+    /// Minimum distance of two parallel sheets, in finest cells; nearer ones count as one noisy sheet. Infinite where the sides of the points
+    /// are known, as sheets that face the same side are scans that do not fit together.
+    min_gap: f64,
 }
 
 /// Returns the points sorted by their cells: the cell of each point, as a sort key, and the index of the point.
@@ -86,7 +88,13 @@ fn place_of(key: u64) -> [u16; 3] {
 }
 
 impl Pyramid {
-    pub(super) fn new(cloud: &Cloud, cube: Cube) -> Self {
+    /// Sorts the points of a cloud. Parallel sheets that are nearer to each other than `min_gap`, in mm, count as one.
+    pub(super) fn new(
+        cloud: &Cloud,
+        cube: Cube,
+        min_gap: f64,
+        progress: &Progress<'_>,
+    ) -> Result<Self, CancelledError> {
         let positions = &cloud.positions;
         let keys = by_cell(positions, &cube);
         let mut starts: Vec<u32> = (0..keys.len() as u32)
@@ -111,11 +119,13 @@ impl Pyramid {
         let cells = Places::new(1 << cube.depth, places);
         let mut layers = vec![Layer { cells, moments, finest }];
         for depth in (0..cube.depth).rev() {
+            progress.check()?;
             let coarser = coarser(&layers[layers.len() - 1], depth);
             layers.push(coarser);
         }
         layers.reverse();
-        Self { cube, layers, order, starts }
+        let min_gap = if cloud.has_sides() { f64::INFINITY } else { min_gap / cube.edge };
+        Ok(Self { cube, layers, order, starts, min_gap })
     }
 
     pub(super) fn finest(&self) -> &Layer {
@@ -141,11 +151,35 @@ impl Pyramid {
     }
 
     /// Returns the least-squares plane of the points around a position, which is given in finest cells; `None` if there are too few points.
+    /// Where the points form two parallel sheets, only those of the nearer sheet count.
     fn plane(&self, at: [f64; 3], depth: u32) -> Option<Plane> {
         let (sums, count) = self.sums_around(at, depth);
         if count < MIN_PLANE_POINTS {
             return None;
         }
+        let plane = self.plane_of(&sums, depth);
+        let thickness = plane.as_ref().map_or(f64::INFINITY, |plane| plane.spread[0].sqrt());
+        if thickness < SMALLEST_DEVIATION * self.min_gap {
+            return plane;
+        }
+        // If the sheets are as far apart as the neighborhood is wide, only a larger neighborhood shows the direction from one to the other.
+        let is_wide = plane.as_ref().is_none_or(|plane| plane.flatness() > FLAT);
+        let larger = (if is_wide { 1 } else { depth }..depth).rev().take(2).filter_map(|depth| {
+            let (sums, _) = self.sums_around(at, depth);
+            self.plane_of(&sums, depth)
+        });
+        let normals: Vec<Vector3<f64>> = plane
+            .iter()
+            .map(|plane| plane.normal)
+            .chain(larger.map(|plane| plane.normal))
+            .collect();
+        normals
+            .iter()
+            .find_map(|normal| self.plane_of(&self.sums_of_sheet(at, depth, normal)?, depth))
+            .or(plane)
+    }
+
+    fn plane_of(&self, sums: &Moments, depth: u32) -> Option<Plane> {
         let eigen = sums.covariance().try_symmetric_eigen(f64::EPSILON, 1000)?;
         let mut order = [0, 1, 2];
         order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
@@ -157,6 +191,51 @@ impl Pyramid {
         let normal = eigen.eigenvectors.column(order[0]).into_owned();
         let middle = self.cube.point(sums.mean(), self.cube.depth);
         Some(Plane { normal, middle, spread, weight: sums.count, depth })
+    }
+
+    /// Returns the weighted sums of the nearer one of two sheets perpendicular to `normal`; `None` if there are not two sheets.
+    ///
+    /// The heights of the points above a plane are divided into two classes such that the variance between them is largest: Otsu, "A threshold
+    /// selection method from gray-level histograms" (1979). The fraction of the variance that is between the classes is 0.75 for a bent sheet,
+    /// whose heights are evenly distributed, and 1 for two sheets without noise.
+    fn sums_of_sheet(&self, at: [f64; 3], depth: u32, normal: &Vector3<f64>) -> Option<Moments> {
+        let finer = (depth + 2).min(self.cube.depth);
+        let layer = &self.layers[finer as usize];
+        let scale = 1.0 / f64::from(1_u32 << (self.cube.depth - depth));
+        let cells = f64::from(1_u32 << (self.cube.depth - finer));
+        let low = self.cube.cell(at.map(|x| (x - 1.5 / scale) / cells), finer);
+        let high = self.cube.cell(at.map(|x| (x + 1.5 / scale) / cells), finer);
+        let mut heights = Vec::new();
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                let row = layer.cells.row(y, z);
+                let first = layer.cells.from(row.clone(), low[0]);
+                for cell in
+                    (first..row.end).take_while(|&cell| layer.cells.place(cell)[0] <= high[0])
+                {
+                    let mean = layer.moments[cell].mean();
+                    let away = [0, 1, 2].map(|axis| mean[axis] - at[axis]);
+                    let weight: f64 = away.iter().map(|x| bell(x * scale)).product();
+                    if weight > 0.0 {
+                        heights.push((Vector3::from(away).dot(normal), weight, cell));
+                    }
+                }
+            }
+        }
+        heights.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.2.cmp(&b.2)));
+        let weighted = heights
+            .iter()
+            .map(|&(height, weight, cell)| (height, weight * layer.moments[cell].count));
+        let split = split(weighted, self.min_gap)?;
+        let (below, above) = heights.split_at(split);
+        let threshold = (below[below.len() - 1].0 + above[0].0) / 2.0;
+        let own = if threshold < 0.0 { above } else { below };
+        let (mut sums, mut count) = (Moments::default(), 0.0);
+        for &(_, weight, cell) in own {
+            sums.add(&layer.moments[cell], weight);
+            count += layer.moments[cell].count;
+        }
+        (count >= MIN_SHEET_POINTS).then_some(sums)
     }
 
     /// Returns the depth at which most neighborhoods are flat, and the deviation of the points from the surface, in mm.
@@ -206,49 +285,49 @@ impl Pyramid {
     }
 }
 
-impl Pyramid {
-    /// Returns the sum of the points' colors in each finest cell.
-    pub(super) fn colors(&self, colors: &[Rgb]) -> Vec<[f64; 3]> {
-        self.starts
-            .par_windows(2)
-            .map(|ends| {
-                let points = self.order[ends[0] as usize..ends[1] as usize].iter();
-                points.fold([0.0; 3], |sum, &point| {
-                    [0, 1, 2].map(|k| sum[k] + f64::from(colors[point as usize][k]))
-                })
-            })
-            .collect()
-    }
-
-    /// Returns the mean color around a point: of the finest cells nearby, or of coarser cells if no finest cell is near.
-    pub(super) fn color_at(&self, at: &Point3<f64>, of_cells: &[[f64; 3]]) -> Rgb {
-        for depth in (0..=self.cube.depth).rev() {
-            let layer = &self.layers[depth as usize];
-            let here = self.cube.in_cells(at, self.cube.depth);
-            let scale = 1.0 / f64::from(1_u32 << (self.cube.depth - depth));
-            let (mut sum, mut total) = ([0.0; 3], 0.0);
-            for cell in layer.cells.neighbors(place(&self.cube, at, depth)) {
-                let finest = layer.finest[cell] as usize;
-                let moments = &self.finest().moments[finest];
-                let mean = moments.mean();
-                let weight: f64 =
-                    (0..3).map(|axis| bell((mean[axis] - here[axis]) * scale)).product();
-                total += weight * moments.count;
-                (0..3).for_each(|k| sum[k] += weight * of_cells[finest][k]);
-            }
-            if total > 1e-6 {
-                return sum.map(|x| (x / total).round() as u8);
-            }
-        }
-        [0; 3]
-    }
-}
-
 /// Minimum number of points from which a plane is computed: with fewer points, the direction of the plane is random.
 const MIN_PLANE_POINTS: f64 = 9.0;
 
 /// Points count as collinear if the second largest of their principal variances is less than this fraction of the largest.
 const LINE: f64 = 0.02;
+
+/// Returns the number of heights in the lower one of two classes; `None` if the heights do not form two classes whose means differ by at least
+/// `min_gap`. The heights are ascending, each with a weight.
+fn split(heights: impl Iterator<Item = (f64, f64)> + Clone, min_gap: f64) -> Option<usize> {
+    let (all, sum, squares) =
+        heights.clone().fold((0.0, 0.0, 0.0), |(all, sum, squares), (x, w)| {
+            (all + w, sum + w * x, squares + w * x * x)
+        });
+    let variance = squares / all - (sum / all) * (sum / all);
+    let (mut below, mut sum_below) = (0.0, 0.0);
+    let mut best = (0, 0.0, 0.0);
+    for (number, (x, weight)) in heights.enumerate() {
+        let above = all - below;
+        if SMALLEST_SHEET * all < below && SMALLEST_SHEET * all < above {
+            let apart = (sum - sum_below) / above - sum_below / below;
+            let between = below * above * apart * apart / (all * all);
+            if between > best.1 {
+                best = (number, between, apart);
+            }
+        }
+        below += weight;
+        sum_below += weight * x;
+    }
+    let (number, between, apart) = best;
+    (between > TWO_SHEETS * variance && apart >= min_gap).then_some(number)
+}
+
+/// Minimum standard deviation of the heights of two sheets, as a fraction of their distance, if the smaller sheet has a tenth of the points.
+const SMALLEST_DEVIATION: f64 = 0.3;
+
+/// Minimum fraction of the variance of the heights that is between two sheets.
+const TWO_SHEETS: f64 = 0.82;
+
+/// Minimum fraction of the points that is in each of two sheets.
+const SMALLEST_SHEET: f64 = 0.1;
+
+/// Minimum number of points of a sheet from which a plane is computed.
+const MIN_SHEET_POINTS: f64 = 6.0;
 
 /// Maximum fraction of a neighborhood's variance that is perpendicular to its plane, for the neighborhood to count as flat. Noise whose
 /// deviation is a tenth of the neighborhood's size reaches this fraction. In smaller neighborhoods, normals are wrong by more than 15

@@ -1,9 +1,14 @@
 use std::collections::BTreeMap;
 
 use maquette_value::rng::Random;
-use maquette_value::{Points, RangeImage};
+use maquette_value::{Points, RangeImage, Rgb};
 
 use super::*;
+
+mod boards;
+mod coarse;
+mod colors;
+mod doubts;
 
 /// Pseudorandom numbers with a normal distribution.
 trait Noise {
@@ -351,7 +356,7 @@ fn the_surface_of_any_function_is_manifold() {
             poisson::Grid { nodes, values }
         });
         let field = Field { cube, grids: grids.collect() };
-        let skin = contour(&field, &Progress::silent()).unwrap();
+        let skin = contour(&field, depth, &Progress::silent()).unwrap();
         let mesh = Mesh::new(skin.positions.clone(), faces(&skin, FaceKind::Quads).unwrap());
         assert_eq!(topology(&mesh.unwrap()).1, 0);
     }

@@ -1,19 +1,20 @@
 //! Computes values that change slowly over a surface.
 
-use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
-use maquette_base::topology::lists::Lists;
 use maquette_node::{CancelledError, Progress};
 use maquette_value::Mesh;
 
+use super::cholesky::{Cholesky, Dissection, Links, Symmetric};
+use crate::topology::lists::Lists;
+
 /// The connectivity of a mesh's vertices, from which values at the vertices are computed that are as smooth as possible.
-pub(super) struct Membrane {
+pub struct Membrane {
     /// The neighbors of each vertex with the weights of their edges: the cotangent weights of Pinkall and Polthier, "Computing discrete
     /// minimal surfaces and their conjugates" (1993), with a minimum that keeps them positive.
     links: Vec<Vec<(u32, f64)>>,
     /// The surface area around each vertex, in mm^2.
-    pub(super) areas: Vec<f64>,
+    pub areas: Vec<f64>,
     /// The diagonal of the mesh's bounding box in mm.
-    pub(super) extent: f64,
+    pub extent: f64,
 }
 
 /// Minimum weight of an edge. For comparison, each edge of a mesh of equilateral triangles has the weight 1 / sqrt 3.
@@ -23,13 +24,24 @@ const MIN_EDGE_WEIGHT: f64 = 0.05;
 const MAX_EDGE_WEIGHT: f64 = 20.0;
 
 impl Membrane {
-    pub(super) fn new(mesh: &Mesh) -> Self {
+    /// Computes the connectivity of a whole mesh.
+    pub fn new(mesh: &Mesh) -> Self {
+        Self::of_triangles(mesh, |_| true)
+    }
+
+    /// Computes the connectivity of some vertices of a mesh: only faces with at least one of them count.
+    pub fn around(mesh: &Mesh, vertices: impl Fn(u32) -> bool) -> Self {
+        Self::of_triangles(mesh, |triangle| triangle.iter().any(|&vertex| vertices(vertex)))
+    }
+
+    fn of_triangles(mesh: &Mesh, is_used: impl Fn(&[u32; 3]) -> bool) -> Self {
         let count = mesh.positions().len();
         let mut areas = vec![0.0; count];
         let triangles = mesh
             .faces()
             .iter()
-            .flat_map(|face| (1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
+            .flat_map(|face| (1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]))
+            .filter(is_used);
         let triangles = Vec::from_iter(triangles);
         let mut pulls = Vec::with_capacity(3 * triangles.len());
         for triangle in &triangles {
@@ -64,7 +76,7 @@ impl Membrane {
     /// Returns the smoothest values at the vertices. They minimize the sum of `weight (x - y)^2` over all edges, with the values `x` and
     /// `y` at the ends of an edge, plus the sum of `spring (x - value)^2` over all vertices. Returns `None` if a part of the mesh has no
     /// spring.
-    pub(super) fn solve(
+    pub fn solve(
         &self,
         springs: &[f64],
         values: &[[f64; 3]],
@@ -92,5 +104,64 @@ impl Membrane {
             values.iter().zip(&own).map(|(value, spring)| value.map(|x| x * spring)).collect();
         factors.solve(&mut right);
         Ok(Some(right))
+    }
+
+    /// Fills the unknown values (`None`): each becomes the mean of its neighbors, weighted by their edges, so that it is between the smallest
+    /// and the largest known value. Values that no known value is connected to remain unknown.
+    ///
+    /// # Errors
+    /// If the evaluation is cancelled.
+    pub fn fill(
+        &self,
+        values: &mut [Option<[f64; 3]>],
+        progress: &Progress<'_>,
+    ) -> Result<(), CancelledError> {
+        let unknown = self.connected_unknowns(values);
+        let mut numbers = vec![u32::MAX; values.len()];
+        (0..).zip(&unknown).for_each(|(number, &vertex)| numbers[vertex] = number);
+        let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
+        let mut right = Vec::with_capacity(unknown.len());
+        for (&vertex, number) in unknown.iter().zip(0..) {
+            let (mut load, mut sum) = ([0.0; 3], 0.0);
+            let own = matrix.indices.len();
+            matrix.indices.push(number);
+            matrix.entries.push(0.0);
+            for &(other, weight) in &self.links[vertex] {
+                sum += weight;
+                match values[other as usize] {
+                    Some(known) => (0..3).for_each(|k| load[k] += weight * known[k]),
+                    None => {
+                        matrix.indices.push(numbers[other as usize]);
+                        matrix.entries.push(-weight);
+                    }
+                }
+            }
+            matrix.entries[own] = sum;
+            matrix.starts.push(matrix.indices.len() as u32);
+            right.push(load);
+        }
+        let order =
+            Dissection::new(Links { starts: &matrix.starts, neighbors: &matrix.indices }, 1);
+        if let Some(factors) = Cholesky::with_ordering(&matrix, &order, progress)? {
+            factors.solve(&mut right);
+            unknown.iter().zip(right).for_each(|(&vertex, value)| values[vertex] = Some(value));
+        }
+        Ok(())
+    }
+
+    /// Returns the vertices without a value that a path of edges connects to a value, ascending.
+    fn connected_unknowns(&self, values: &[Option<[f64; 3]>]) -> Vec<usize> {
+        let mut is_reached: Vec<bool> = values.iter().map(Option::is_some).collect();
+        let mut stack: Vec<usize> =
+            (0..values.len()).filter(|&vertex| is_reached[vertex]).collect();
+        while let Some(vertex) = stack.pop() {
+            for &(other, _) in &self.links[vertex] {
+                if !is_reached[other as usize] {
+                    is_reached[other as usize] = true;
+                    stack.push(other as usize);
+                }
+            }
+        }
+        (0..values.len()).filter(|&vertex| is_reached[vertex] && values[vertex].is_none()).collect()
     }
 }

@@ -8,24 +8,24 @@ static LIGHT: LazyLock<[f64; 256]> =
     LazyLock::new(|| std::array::from_fn(|channel| light(channel as f64)));
 
 /// Returns the linear light, 0 to 1, of an sRGB channel from 0 to 255.
-pub(crate) fn light(channel: f64) -> f64 {
+pub fn light(channel: f64) -> f64 {
     let x = channel / 255.0;
     if x <= 0.04045 { x / 12.92 } else { libm::pow((x + 0.055) / 1.055, 2.4) }
 }
 
 /// Returns the linear light of an 8-bit color.
-pub(crate) fn light_of(color: Rgb) -> [f64; 3] {
+pub fn light_of(color: Rgb) -> [f64; 3] {
     color.map(|channel| LIGHT[usize::from(channel)])
 }
 
 /// Returns the sRGB channel, 0 to 255, of linear light; `light` is clamped to the range from 0 to 1.
-pub(crate) fn channel(light: f64) -> f64 {
+pub fn channel(light: f64) -> f64 {
     let x = light.clamp(0.0, 1.0);
     255.0 * if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * libm::pow(x, 1.0 / 2.4) - 0.055 }
 }
 
 /// Returns the 8-bit color of linear light.
-pub(crate) fn color_of(light: [f64; 3]) -> Rgb {
+pub fn color_of(light: [f64; 3]) -> Rgb {
     light.map(|light| channel(light).round() as u8)
 }
 
