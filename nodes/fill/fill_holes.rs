@@ -10,7 +10,7 @@ use maquette_value::{Attribute, Faces, Mesh, MeshError, Trace};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::attributes::carry::AttributeCarrier;
+use super::attributes::carry::{AttributeCarrier, copies_attributes};
 use super::attributes::colors::colors;
 use super::border::holes::{Components, HoleChoice, choose, without_isolated_components};
 use super::border::manifold_check::check_rims;
@@ -218,8 +218,12 @@ pub fn fill_holes(
                 let count = fill.triangulation.compact().1.len() - hole.len();
                 std::iter::repeat_n(fill.is_sharp, count)
             });
-            let given =
-                CompletionInput { allowed, colors: colors.flatten(), sharp: sharp.collect() };
+            let given = CompletionInput {
+                allowed,
+                colors: colors.flatten(),
+                sharp: sharp.collect(),
+                copies_attributes: copies_attributes(&mesh),
+            };
             let own = plain_share..PLAIN_PROGRESS;
             let completed = match options.update {
                 Update::Exact => progress
@@ -244,6 +248,7 @@ pub fn fill_holes(
                     });
                     let completed =
                         completed.map_err(|stop| stop.error("the fill of the holes"))?;
+                    remesh.fair(&mut filling, &completed.to_fair, progress)?;
                     start = remesh.membranes(&mut filling, progress)?;
                     intersections = Intersections::new(&filling, progress)?;
                     completed

@@ -14,6 +14,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::hole::Hole;
 use super::surface::{NONE, Surface};
+use super::surroundings::Surroundings;
 
 /// Stiffness that holds vertices at their positions, times the squared mean edge length of the input mesh. With 1, a motion by one edge
 /// length counts as much as an angle error of one radian. With 0.2, crests become spikes on curly surfaces.
@@ -22,10 +23,6 @@ const STIFFNESS: f64 = 1.0;
 /// Number of rounds. Several are needed because ranks change while vertices move: after half as many rounds, the angles of flat edges on
 /// curly surfaces are still wrong by a quarter.
 const ROUNDS: usize = 16;
-
-/// Width of the band around a hole in which angles are measured, as a multiple of the maximum distance between the hole's vertices and its
-/// rim.
-const NEIGHBORHOOD: f64 = 2.0;
 
 /// Minimum number of edges around a hole; fewer edges do not give a reliable distribution of angles.
 const MIN_EDGES: usize = 100;
@@ -40,11 +37,12 @@ pub(super) fn match_dihedral_angles(
     points: &mut [Point3<f64>],
     normals: &[Vector3<f64>],
     hole: &Hole,
+    around: &Surroundings,
     sharp: &[bool],
     progress: &Progress<'_>,
 ) -> Result<(), CancelledError> {
     let data = points.len() - normals.len();
-    let goals = angles_around_holes(surface, points, data, hole);
+    let goals = angles_around_holes(surface, points, data, hole, around);
     let moves = |vertex: u32| {
         let missing = (vertex as usize).checked_sub(data)?;
         (sharp.get(missing) != Some(&true)).then_some(missing)
@@ -129,21 +127,19 @@ fn angles_around_holes(
     points: &[Point3<f64>],
     data: usize,
     hole: &Hole,
+    around: &Surroundings,
 ) -> Vec<Vec<f64>> {
-    let missing = data as u32..points.len() as u32;
-    let nearest = surface.nearest(points, missing, NEIGHBORHOOD * hole.width);
-    let near = |vertex: u32| {
-        let missing = (nearest[vertex as usize] as usize).checked_sub(data)?;
-        let far = (points[vertex as usize] - points.get(data + missing)?).norm();
-        (far <= NEIGHBORHOOD * hole.widths[missing]).then_some(hole.numbers[missing])
-    };
-    let count = hole.numbers.iter().max().map_or(0, |last| last + 1);
-    let mut angles = vec![Vec::new(); count as usize];
+    let mut numbers = vec![NONE; data];
+    for number in 0..hole.count() {
+        around.weighted(number).for_each(|near| numbers[near.vertex as usize] = number as u32);
+    }
+    let mut angles = vec![Vec::new(); hole.count()];
     for corners in hinges(surface) {
         if corners.iter().any(|&corner| data <= corner as usize) {
             continue;
         }
-        if let (Some(number), Some(_)) = (near(corners[0]), near(corners[1])) {
+        let [number, other, ..] = corners.map(|corner| numbers[corner as usize]);
+        if number != NONE && other != NONE {
             angles[number as usize].push(dihedral_angle(corners, points).abs());
         }
     }
