@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::attributes::carry::{AttributeCarrier, copies_attributes};
 use super::attributes::colors::colors;
+use super::bending::bending_energies;
 use super::border::holes::{Components, HoleChoice, choose, without_isolated_components};
 use super::border::manifold_check::check_rims;
 use super::border::regions::{cut, marked_vertices, vertices_in_region};
@@ -45,6 +46,10 @@ use super::triangles::filling::Filling;
 /// The outer border of an open scan is not a hole: the border of each connected component whose faces mostly look to one side, or that
 /// comes from a capture, stays open, and a warning names it. A mesh without holes is returned unchanged except for the two attributes.
 ///
+/// The trace has the iterations of an exemplar fill, and the bending energy of each fill in the order of the rims, a measure of fairness: the
+/// sum of A (2 H)^2 over the vertices of the fill and its rim, with the area A and the mean curvature H of a vertex. It has no unit, is 0 for
+/// a plane, and does not depend on the size of the mesh.
+///
 /// In other programs: cap, patch, inpaint.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FillHoles {
@@ -70,7 +75,7 @@ fn estimate_triangles(edges: usize) -> f64 {
 pub struct FilledMesh {
     /// The filled mesh.
     pub mesh: Mesh,
-    /// The iterations of a fill with exemplars, see [`FillMethod`]; empty for other methods.
+    /// The iterations of a fill with exemplars, see [`FillMethod`]; none for other methods. Also the bending energy of each fill.
     pub trace: Trace,
     /// Warnings for the user, as sentences.
     pub warnings: Vec<String>,
@@ -276,7 +281,7 @@ pub fn fill_holes(
         intersections: &mut intersections,
     };
     warnings.extend(describe_intersections(&chosen.holes, &hole_fills, &components));
-    let trace = Trace::new(steps)?;
+    let trace = Trace::new(steps)?.with_bending(bending_energies(&filling, &fills))?;
     Ok(FilledMesh { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, warnings })
 }
 

@@ -94,7 +94,7 @@ impl FileFormat for ControlNetJson {
     }
 }
 
-/// Writes the steps of an iteration. An infinite distance is written as null.
+/// Writes the steps of an iteration, and the bending energies of fillings if there are any. Infinite numbers are written as null.
 pub(super) struct TraceJson;
 
 impl FileFormat for TraceJson {
@@ -106,7 +106,11 @@ impl FileFormat for TraceJson {
             .steps()
             .iter()
             .map(|step| json!({ "iteration": step.iteration, "max": step.max, "rms": step.rms }));
-        Ok(NewFile::single(name, print(&json!({ "steps": Value::from_iter(steps) }))))
+        let mut document = json!({ "steps": Value::from_iter(steps) });
+        if !trace.bending().is_empty() {
+            document["bending"] = json!(trace.bending());
+        }
+        Ok(NewFile::single(name, print(&document)))
     }
 }
 
@@ -191,6 +195,19 @@ mod tests {
                       "rms": 0.25
                     }
                   ]
+                }
+            "#]],
+        );
+    }
+
+    #[test]
+    fn a_trace_of_fillings_has_their_bending() {
+        check::<TraceJson>(
+            &Trace::default().with_bending(vec![0.5, f64::INFINITY]).unwrap(),
+            expect![[r#"
+                {
+                  "bending": [0.5, null],
+                  "steps": []
                 }
             "#]],
         );
