@@ -6,6 +6,7 @@
 //!   filling them are compared with what was there.
 
 use maquette_node::{CancelledError, Progress};
+use maquette_value::parallel::*;
 use nalgebra::Point3;
 
 use super::compare::{Plane, Planes};
@@ -101,30 +102,39 @@ fn predicts_better(
     let annulus: Vec<usize> = (parts.lattice.nodes_within(1.0).into_iter())
         .filter(|node| !plate.missing.contains(node))
         .collect();
-    let (mut sums, mut count) = ([0.0; 2], 0_usize);
-    for part in (0..parts.len() as u32).step_by(parts.len().div_ceil(MAX_PARTS)) {
-        progress.check()?;
-        let removed = RemovedPart {
-            frame: &parts.frames[part as usize],
-            heights: parts.heights(part),
-            annulus: &annulus,
-        };
-        let best = removed.best_exemplars(&exemplars, &completion.orientations, REACH * radius);
-        if best.len() < BEST {
-            continue;
-        }
-        for (&node, off) in plate.missing.iter().zip(plate.residuals(removed.heights)) {
-            let all = best.iter().map(|aligned| removed.residual(&exemplars, aligned, node));
-            let mean = all.sum::<f64>() / BEST as f64;
-            if off.is_finite() && mean.is_finite() {
-                sums[0] += mean * mean;
-                sums[1] += off * off;
-                count += 1;
+    let chosen: Vec<u32> =
+        (0..parts.len() as u32).step_by(parts.len().div_ceil(MAX_PARTS)).collect();
+    let errors: Vec<PredictionErrors> = chosen
+        .into_par_iter()
+        .map(|part| {
+            if progress.check().is_err() {
+                return PredictionErrors::default();
             }
-        }
+            let heights = parts.heights(part);
+            let frame = &parts.frames[part as usize];
+            let removed = RemovedPart { frame, heights, annulus: &annulus };
+            let best = removed.best_exemplars(&exemplars, &completion.orientations, REACH * radius);
+            removed.prediction_errors(&exemplars, &best, &plate)
+        })
+        .collect();
+    progress.check()?;
+    let mut all = PredictionErrors::default();
+    for own in errors {
+        all.exemplars += own.exemplars;
+        all.plate += own.plate;
+        all.count += own.count;
     }
-    let [exemplar, plate] = sums.map(|sum| (sum / count.max(1) as f64).sqrt());
+    let [exemplar, plate] =
+        [all.exemplars, all.plate].map(|sum| (sum / all.count.max(1) as f64).sqrt());
     Ok(plate > GOOD_ERROR * hole.edge && exemplar < MAX_ERROR_RATIO * plate)
+}
+
+/// The sums of squared errors with which exemplars and thin plates predict removed parts, over `count` positions.
+#[derive(Clone, Copy, Default)]
+struct PredictionErrors {
+    exemplars: f64,
+    plate: f64,
+    count: usize,
 }
 
 /// A part of the surface around a hole whose center is treated as removed.
@@ -151,6 +161,29 @@ fn position(node: usize) -> [f64; 2] {
 }
 
 impl RemovedPart<'_> {
+    /// Compares the removed center with the mean of the exemplars that are most similar to its surroundings, and with a thin plate.
+    fn prediction_errors(
+        &self,
+        exemplars: &Exemplars,
+        best: &[AlignedExemplar],
+        plate: &LatticePlate,
+    ) -> PredictionErrors {
+        let mut errors = PredictionErrors::default();
+        if best.len() < BEST {
+            return errors;
+        }
+        for (&node, off) in plate.missing.iter().zip(plate.residuals(self.heights)) {
+            let all = best.iter().map(|aligned| self.residual(exemplars, aligned, node));
+            let mean = all.sum::<f64>() / best.len() as f64;
+            if off.is_finite() && mean.is_finite() {
+                errors.exemplars += mean * mean;
+                errors.plate += off * off;
+                errors.count += 1;
+            }
+        }
+        errors
+    }
+
     /// Returns the height of the removed surface over an exemplar at a node.
     fn residual(&self, exemplars: &Exemplars, aligned: &AlignedExemplar, node: usize) -> f64 {
         let [x, y] = position(node);
