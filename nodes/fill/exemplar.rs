@@ -11,9 +11,11 @@
 //! - The normal of a frame is the mean over a part of the patch.
 //! - If the initial fill is a thin plate, it counts as a separate estimate, with an error measured on the input surface. A vertex moves to
 //!   the mean of both estimates, weighted by their inverse variances. Where no exemplar fits, the plate remains.
-//! - Finally, each vertex gets the fine detail of its exemplar, amplified until the fill is as rough as the surface around the hole. This
-//!   restores detail: the mean of many patches is smoother than each of them, and the exemplar that fits a smooth patch best is smooth.
-//!   Then the dihedral angles of the fill's edges get the distribution of the angles around the hole.
+//! - Finally, each vertex gets the fine detail of its exemplar, amplified or weakened until the fill is as rough as the surface around the
+//!   hole, where the nearest vertices count most. This restores detail: the mean of many patches is smoother than each of them, and the
+//!   exemplar that fits a smooth patch best is smooth. Then the dihedral angles of the fill's edges get the distribution of the angles
+//!   around the hole.
+//! - A hole in a smooth part of the surface keeps its thin plate, see `gate`.
 //!
 //! Terms: the **data** are the vertices and faces of the input mesh; the **missing** vertices are those of the fill. A **patch** is the
 //! part of a surface within a radius of a vertex; its **samples** are the points that are compared. An **exemplar** is a patch of the data,
@@ -34,6 +36,7 @@ mod detail;
 mod dihedral_angles;
 mod exemplars;
 mod frame;
+mod gate;
 mod heights;
 mod hole;
 mod kd_tree;
@@ -42,12 +45,14 @@ mod options;
 mod orientations;
 mod patches;
 mod published;
+mod relief;
 mod roughness;
 mod search;
 mod smoothness;
 mod sources;
 mod spread;
 mod surface;
+mod surroundings;
 #[cfg(test)]
 mod tests;
 mod tints;

@@ -10,8 +10,9 @@ use maquette_value::{Attribute, Faces, Mesh, MeshError, Trace};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::attributes::carry::AttributeCarrier;
+use super::attributes::carry::{AttributeCarrier, copies_attributes};
 use super::attributes::colors::colors;
+use super::bending::bending_energies;
 use super::border::holes::{
     ChosenRims, Components, HoleChoice, choose, without_isolated_components,
 };
@@ -52,6 +53,10 @@ use super::triangles::filling::Filling;
 /// The outer border of an open scan is not a hole: the border of each connected component whose faces mostly look to one side, or that
 /// comes from a capture, stays open, and a warning names it. A mesh without holes is returned unchanged except for the two attributes.
 ///
+/// The trace has the iterations of an exemplar fill, and the bending energy of each fill in the order of the rims, a measure of fairness: the
+/// sum of A (2 H)^2 over the vertices of the fill and its rim, with the area A and the mean curvature H of a vertex. It has no unit, is 0 for
+/// a plane, and does not depend on the size of the mesh.
+///
 /// In other programs: cap, patch, inpaint.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FillHoles {
@@ -77,7 +82,7 @@ fn estimate_triangles(edges: usize) -> f64 {
 pub struct FilledMesh {
     /// The filled mesh.
     pub mesh: Mesh,
-    /// The iterations of a fill with exemplars, see [`FillMethod`]; empty for other methods.
+    /// The iterations of a fill with exemplars, see [`FillMethod`]; none for other methods. Also the bending energy of each fill.
     pub trace: Trace,
     /// Warnings for the user, as sentences.
     pub warnings: Vec<String>,
@@ -225,8 +230,12 @@ pub fn fill_holes(
                 let count = fill.triangulation.compact().1.len() - hole.len();
                 std::iter::repeat_n(fill.is_sharp, count)
             });
-            let given =
-                CompletionInput { allowed, colors: colors.flatten(), sharp: sharp.collect() };
+            let given = CompletionInput {
+                allowed,
+                colors: colors.flatten(),
+                sharp: sharp.collect(),
+                copies_attributes: copies_attributes(&mesh),
+            };
             let own = plain_share..PLAIN_PROGRESS;
             let completed = match options.update {
                 Update::Exact => progress
@@ -251,6 +260,7 @@ pub fn fill_holes(
                     });
                     let completed =
                         completed.map_err(|stop| stop.error("the fill of the holes"))?;
+                    remesh.fair(&mut filling, &completed.to_fair, progress)?;
                     start = remesh.membranes(&mut filling, progress)?;
                     intersections = Intersections::new(&filling, progress)?;
                     completed
@@ -278,7 +288,7 @@ pub fn fill_holes(
         intersections: &mut intersections,
     };
     warnings.extend(describe_intersections(&chosen.holes, &hole_fills, &components));
-    let trace = Trace::new(steps)?;
+    let trace = Trace::new(steps)?.with_bending(bending_energies(&filling, &fills))?;
     Ok(FilledMesh { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, warnings })
 }
 

@@ -3,6 +3,7 @@
 use maquette_node::{Pack, node};
 
 mod attributes;
+mod bending;
 mod border;
 mod creases;
 mod exemplar;

@@ -8,7 +8,10 @@ use super::exemplar::ExemplarOptions;
 /// Surface that fills a hole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum FillMethod {
-    /// Copies the shapes of other parts of the mesh, from coarse to fine levels.
+    /// Copies the shapes of other parts of the mesh, from coarse to fine levels. A hole in a smooth part keeps the thin plate from which it
+    /// starts: one whose rim has no relief that the plate lacks, and around which exemplars do not predict the surface better than a plate.
+    /// The vertices nearest to the rim count most; how rough the mesh is farther away does not matter. If `radii`, `exemplars` or another
+    /// `start` are given, shapes are copied in any case.
     Exemplar(ExemplarOptions),
     /// Thin plate: the surface with the least bending that continues the data smoothly.
     ThinPlate,

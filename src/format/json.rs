@@ -180,7 +180,7 @@ fn read_control_net(bytes: &[u8]) -> Result<ControlNet, Error> {
     Ok(net)
 }
 
-/// Writes the steps of an iteration. An infinite distance is written as null.
+/// Writes the steps of an iteration, and the bending energies of fillings if there are any. Infinite numbers are written as null.
 pub(super) struct TraceJson;
 
 impl FileFormat for TraceJson {
@@ -192,7 +192,11 @@ impl FileFormat for TraceJson {
             .steps()
             .iter()
             .map(|step| json!({ "iteration": step.iteration, "max": step.max, "rms": step.rms }));
-        Ok(NewFile::single(name, print(&json!({ "steps": Value::from_iter(steps) }))))
+        let mut document = json!({ "steps": Value::from_iter(steps) });
+        if !trace.bending().is_empty() {
+            document["bending"] = json!(trace.bending());
+        }
+        Ok(NewFile::single(name, print(&document)))
     }
 }
 
@@ -320,6 +324,19 @@ mod tests {
         );
         assert!(error("{}").contains("points"));
         assert!(error(r#"{"points": []}"#).contains("0 entries"));
+    }
+
+    #[test]
+    fn a_trace_of_fillings_has_their_bending() {
+        check::<TraceJson>(
+            &Trace::default().with_bending(vec![0.5, f64::INFINITY]).unwrap(),
+            expect![[r#"
+                {
+                  "bending": [0.5, null],
+                  "steps": []
+                }
+            "#]],
+        );
     }
 
     #[test]

@@ -27,9 +27,15 @@ pub struct TraceStep {
 ///
 /// Invariant, checked by [`Trace::new`]: iteration numbers increase from step to step. Distances are at least 0; they are infinite where
 /// numbers overflow. A trace may be empty.
+///
+/// A trace of fillings of holes also has their bending energies: for each filling, the sum of A (2 H)^2 over its vertices and those of its
+/// rim, where A is the area of a vertex and H its mean curvature. The energy has no unit: it is 0 for a plane and 16 pi for a whole sphere
+/// of any size. Among fillings of the same hole, a lower energy is fairer.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trace {
     steps: Vec<TraceStep>,
+    /// Each at least 0, or infinite where numbers overflow.
+    bending: Vec<f64>,
 }
 
 impl Trace {
@@ -47,13 +53,24 @@ impl Trace {
             x >= 0.0
         }
         match steps.iter().find(|step| !is_distance(step.max) || !is_distance(step.rms)) {
-            None => Ok(Self { steps }),
+            None => Ok(Self { steps, bending: Vec::new() }),
             Some(&TraceStep { iteration, max, rms }) => {
                 let why = format!(
                     "in iteration {iteration} the largest distance is {max} and the mean one {rms}"
                 );
                 Err(TraceError(why))
             }
+        }
+    }
+
+    /// Sets the bending energies of fillings, see [`Trace`].
+    ///
+    /// # Errors
+    /// If an energy is negative or NaN.
+    pub fn with_bending(self, bending: Vec<f64>) -> Result<Self, TraceError> {
+        match bending.iter().find(|energy| !(**energy >= 0.0)) {
+            None => Ok(Self { bending, ..self }),
+            Some(energy) => Err(TraceError(format!("a bending energy is {energy}"))),
         }
     }
 
@@ -66,32 +83,46 @@ impl Trace {
     pub fn steps(&self) -> &[TraceStep] {
         &self.steps
     }
+
+    /// The bending energies of fillings, in the order of their rims; empty if the trace is not of fillings. See [`Trace`].
+    pub fn bending(&self) -> &[f64] {
+        &self.bending
+    }
 }
 
 impl Value for Trace {
     const NAME: &'static str = "Trace";
 
     fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.steps.len()]);
+        to.counts(&[self.steps.len(), self.bending.len()]);
         for step in &self.steps {
             to.plain(&step.iteration).plain(&step.max).plain(&step.rms);
+        }
+        for energy in &self.bending {
+            to.plain(energy);
         }
     }
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        let [count] = from.counts()?;
-        let steps = (0..count).map(|_| {
+        let [n_steps, n_fillings] = from.counts()?;
+        let steps = (0..n_steps).map(|_| {
             Ok(TraceStep { iteration: from.plain()?, max: from.plain()?, rms: from.plain()? })
         });
-        Ok(Self { steps: steps.collect::<Result<_, _>>()? })
+        let steps = steps.collect::<Result<_, _>>()?;
+        let bending = (0..n_fillings).map(|_| from.plain());
+        Ok(Self { steps, bending: bending.collect::<Result<_, _>>()? })
     }
 
     fn size(&self) -> usize {
-        size_of::<Self>() + size_of_val(&*self.steps)
+        size_of::<Self>() + size_of_val(&*self.steps) + size_of_val(&*self.bending)
     }
 
     fn describe(&self) -> Summary {
-        let summary = Summary::default().with_fact("steps", self.steps.len());
+        let mut summary = Summary::default().with_fact("steps", self.steps.len());
+        if !self.bending.is_empty() {
+            let sum: f64 = self.bending.iter().sum();
+            summary = summary.with_fact("bending", format!("{sum:.3e}"));
+        }
         let (Some(first), Some(last)) = (self.steps.first(), self.steps.last()) else {
             return summary;
         };
@@ -116,6 +147,9 @@ impl Value for Trace {
         );
         parts.push("max", ElementKind::Step, Meaning::Number, 1, self.numbers(|step| step.max));
         parts.push("rms", ElementKind::Step, Meaning::Number, 1, self.numbers(|step| step.rms));
+        if !self.bending.is_empty() {
+            parts.push("bending", ElementKind::Entry, Meaning::Number, 1, self.bending.clone());
+        }
         parts
     }
 
@@ -134,7 +168,11 @@ impl Value for Trace {
             }
             Ok(TraceStep { iteration: x as u64, max: max[k], rms: rms[k] })
         });
-        Self::new(steps.collect::<Result<_, _>>()?).map_err(PartsError::from_error)
+        let bending = parts.column_of("bending", 1)?;
+        let bending = bending.map(|part| part.items.numbers().into_owned()).unwrap_or_default();
+        Self::new(steps.collect::<Result<_, _>>()?)
+            .and_then(|trace| trace.with_bending(bending))
+            .map_err(PartsError::from_error)
     }
 
     fn show(&self) -> Vec<Layer> {
@@ -154,7 +192,8 @@ impl Value for Trace {
             vec![step(u64::MAX, f64::INFINITY)],
             vec![step(0, 0.0), step(1, 1e300), step(1 << 60, 1e-300)],
         ];
-        steps.into_iter().flat_map(Self::new).collect()
+        let fillings = Self::default().with_bending(vec![0.0, 1e300, f64::INFINITY]);
+        steps.into_iter().map(Self::new).chain([fillings]).flatten().collect()
     }
 }
 
@@ -178,6 +217,15 @@ mod tests {
             let why =
                 format!("in iteration 7 the largest distance is {max} and the mean one {rms}");
             assert_eq!(refused, Err(TraceError(why)));
+        }
+    }
+
+    #[test]
+    fn bending_energies_are_not_negative() {
+        assert_eq!(Trace::default().with_bending(vec![0.0, 2.5]).unwrap().bending(), [0.0, 2.5]);
+        for energy in [-1.0, f64::NAN] {
+            let why = format!("a bending energy is {energy}");
+            assert_eq!(Trace::default().with_bending(vec![energy]), Err(TraceError(why)));
         }
     }
 

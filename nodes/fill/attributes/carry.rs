@@ -10,6 +10,16 @@ use crate::exemplar::{Copies, Sources};
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::{NONE, area_vector};
 
+/// Returns true if a mesh has attributes that a fill copies together with the shape of exemplars.
+pub(crate) fn copies_attributes(mesh: &Mesh) -> bool {
+    let is_copied = |(name, attribute): (&str, &Attribute)| match attribute {
+        Attribute::Number(_) | Attribute::Color(_) => true,
+        Attribute::Vector(_) => name != "normal",
+        Attribute::Pair(_) | Attribute::Index(_) | Attribute::Flag(_) => false,
+    };
+    mesh.corner().iter().next().is_some() || mesh.vertex().iter().any(is_copied)
+}
+
 /// Computes attributes for the vertices that fill holes, from their neighbors and from the input vertices that they copy.
 pub(crate) struct AttributeCarrier<'a> {
     filling: &'a Filling,

@@ -165,7 +165,7 @@ impl Sums {
 
 /// The inverse of the normal equations for fitting a plane to values at given positions. Only the upper triangle is stored, row by row.
 #[derive(Clone, Copy, Default)]
-struct Planes {
+pub(super) struct Planes {
     inverse: [f64; 6],
 }
 
@@ -175,7 +175,7 @@ const MIN_DETERMINANT: f64 = 1e-3;
 impl Planes {
     const NONE: Self = Self { inverse: [0.0; 6] };
 
-    fn from_points<'a>(positions: impl Iterator<Item = &'a [f64; 2]>) -> Self {
+    pub(super) fn from_points<'a>(positions: impl Iterator<Item = &'a [f64; 2]>) -> Self {
         let (mut n, mut x, mut y) = (0.0, 0.0, 0.0);
         let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
         for &[u, v] in positions {
@@ -199,14 +199,14 @@ impl Planes {
 
     /// Returns the least-squares plane of values with the given moments (sums of the values times 1, x and y).
     #[inline(always)]
-    fn solve(&self, [p, q, r]: [f64; 3]) -> Plane {
+    pub(super) fn solve(&self, [p, q, r]: [f64; 3]) -> Plane {
         let [a, b, c, d, e, f] = self.inverse;
         [a * p + b * q + c * r, b * p + d * q + e * r, c * p + e * q + f * r]
     }
 
     /// Returns the amount by which the sum of the squared values decreases when the least-squares plane is subtracted.
     #[inline(always)]
-    fn gain(&self, moments: [f64; 3]) -> f64 {
+    pub(super) fn gain(&self, moments: [f64; 3]) -> f64 {
         let plane = self.solve(moments);
         plane[0] * moments[0] + plane[1] * moments[1] + plane[2] * moments[2]
     }

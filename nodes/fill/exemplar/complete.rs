@@ -3,16 +3,16 @@
 use maquette_node::{CancelledError, Progress};
 use maquette_value::TraceStep;
 
-use super::cells;
 use super::completion::{
-    Completion, CompletionInput, CompletionResult, Copies, MIN_EXEMPLARS, distances_to_missing,
+    Completion, CompletionInput, CompletionResult, MIN_EXEMPLARS, distances_to_missing,
     vertex_areas,
 };
 use super::hole::Hole;
-use super::options::ExemplarOptions;
+use super::options::{ExemplarOptions, Start};
 use super::orientations::Orientations;
 use super::surface::Surface;
 use super::tints::Color;
+use super::{cells, gate};
 use crate::triangles::filling::Filling;
 
 /// Moves the vertices of the fill to the positions given by their exemplars (patches of the input surface). The fill must be as dense as
@@ -29,10 +29,10 @@ pub(crate) fn complete(
     let Filling { points, faces, n_data_vertices: data, n_data_faces: kept } = filling;
     let (data, count) = (*data, points.len());
     let surface = Surface::new(count, faces);
-    let mut completed =
-        CompletionResult { trace: vec![], copies: Copies::empty(count - data), no_exemplar: true };
+    let mut completed = CompletionResult::new(count - data);
     let Some(hole) = Hole::new(&surface, points, data) else { return Ok(completed) };
     let mut radii = hole.radii(options, &points[..data]);
+    let still = ExemplarOptions { iterations: Some(0), ..options.clone() };
     let mut completion = Completion {
         surface: &surface,
         n_data_vertices: data,
@@ -43,10 +43,24 @@ pub(crate) fn complete(
         distances: distances_to_missing(&surface, points, data, (2.5 * radii[0]).max(hole.width)),
         orientations: Orientations::new(options.rotations, options.mirror),
         areas: vertex_areas(&surface, points, data, *kept, options.update),
+        smooth_holes: vec![false; hole.count()],
         hole,
         sharp: &given.sharp,
         guides: Vec::new(),
     };
+    // Who chooses radii, exemplars or another start wants shapes to be copied.
+    let is_gated = options.start == Start::ThinPlate && options.radii.is_empty();
+    if is_gated && given.allowed.is_none() {
+        completion.smooth_holes = gate::find_smooth_holes(&completion, points, progress)?;
+    }
+    let plate = points[data..].to_vec();
+    if completion.smooth_holes.iter().all(|&is_smooth| is_smooth) {
+        if !given.copies_attributes {
+            completed.no_exemplar = false;
+            return Ok(completed);
+        }
+        completion.options = &still;
+    }
     let (mut level, mut done) = (0, 0);
     while level < radii.len() {
         let levels = radii.len() as f64;
@@ -82,6 +96,11 @@ pub(crate) fn complete(
         }
         completion.guides = outcome.guides;
         level += 1;
+    }
+    for (missing, number) in completion.hole.numbers.iter().enumerate() {
+        if completion.smooth_holes[*number as usize] {
+            points[data + missing] = plate[missing];
+        }
     }
     completed.copies.set_exemplars(&completion.guides, data);
     Ok(completed)

@@ -13,6 +13,7 @@ use super::orientations::Orientations;
 use super::patches::Scale;
 use super::sources::Sources;
 use super::surface::{NONE, Surface};
+use super::surroundings::Surroundings;
 use super::tints::Color;
 use super::votes::Votes;
 use super::{dihedral_angles, smoothness};
@@ -26,6 +27,8 @@ pub(crate) struct CompletionInput {
     pub(crate) colors: Option<Vec<[f64; 3]>>,
     /// For each vertex of the fill, whether creases are extended across its hole in the initial fill; empty if they are across no hole.
     pub(crate) sharp: Vec<bool>,
+    /// True if the mesh has attributes that are copied with the shapes.
+    pub(crate) copies_attributes: bool,
 }
 
 /// The result of a completion (filling holes by copying).
@@ -36,6 +39,17 @@ pub(crate) struct CompletionResult {
     pub(crate) copies: Copies,
     /// True if no part of the input surface is fit for copying; then the initial fill is returned unchanged.
     pub(crate) no_exemplar: bool,
+    /// For each vertex of the fill, true if the surroundings of its hole are smooth and its position, the mean of many exemplars, should be
+    /// faired; empty if nothing should. Only with [`Update::Published`] and if all levels ended before the maximum number of iterations.
+    pub(crate) to_fair: Vec<bool>,
+}
+
+impl CompletionResult {
+    /// Returns the result for a fill with `count` vertices before any exemplar is searched.
+    pub(super) fn new(count: usize) -> Self {
+        let copies = Copies::empty(count);
+        Self { trace: Vec::new(), copies, no_exemplar: true, to_fair: Vec::new() }
+    }
 }
 
 /// The positions on the input mesh from which a completion copies attributes and textures.
@@ -132,6 +146,8 @@ pub(crate) struct Completion<'a> {
     pub(super) hole: Hole,
     /// For each vertex of the fill, whether creases are extended across its hole in the initial fill; empty if they are across no hole.
     pub(super) sharp: &'a [bool],
+    /// For each hole, true if its initial fill is kept, because the surface around it is as smooth.
+    pub(super) smooth_holes: Vec<bool>,
     pub(super) distances: Vec<f64>,
     pub(super) orientations: Orientations,
     /// Twice the sum of the area vectors of the faces around each vertex.
@@ -171,7 +187,23 @@ impl Completion<'_> {
         points: &[Point3<f64>],
         progress: &Progress<'_>,
     ) -> Result<Exemplars, CancelledError> {
-        let published = self.is_published();
+        let reach = if self.is_published() { size.radius } else { REACH * size.radius };
+        let is_open = |vertex: u32| {
+            let open = self.allowed.is_none_or(|allowed| allowed[vertex as usize]);
+            open && reach < self.distances[vertex as usize]
+                && !self.surface.faces_around(vertex).is_empty()
+        };
+        self.exemplars_at(size, points, is_open, progress)
+    }
+
+    /// Returns the exemplars around the input vertices for which `is_allowed` is true.
+    pub(super) fn exemplars_at(
+        &self,
+        size: &LevelSize,
+        points: &[Point3<f64>],
+        is_allowed: impl Fn(u32) -> bool + Sync,
+        progress: &Progress<'_>,
+    ) -> Result<Exemplars, CancelledError> {
         let source = Source {
             surface: self.surface,
             points,
@@ -183,18 +215,14 @@ impl Completion<'_> {
             radius: size.radius,
             normal_radius: size.normal_radius,
             spacing: if size.sparse { 0.5 * size.sample } else { 0.0 },
-            is_published: published,
+            is_published: self.is_published(),
         };
-        let reach = if published { size.radius } else { REACH * size.radius };
-        Exemplars::new(
-            &source,
-            |vertex: u32| {
-                let open = self.allowed.is_none_or(|allowed| allowed[vertex as usize]);
-                open && reach < self.distances[vertex as usize]
-                    && !self.surface.faces_around(vertex).is_empty()
-            },
-            progress,
-        )
+        Exemplars::new(&source, is_allowed, progress)
+    }
+
+    /// Returns true if creases are extended across the hole that contains a vertex of the fill.
+    pub(super) fn is_sharp(&self, vertex: u32) -> bool {
+        self.sharp.get(vertex as usize - self.n_data_vertices) == Some(&true)
     }
 
     pub(super) fn level(
@@ -277,16 +305,25 @@ impl Completion<'_> {
         {
             return Ok(());
         }
-        let around = (0..self.n_data_vertices as u32)
-            .filter(|&vertex| self.distances[vertex as usize] <= self.hole.width)
-            .collect();
         let (surface, orientations, radius) = (self.surface, &self.orientations, size.radius);
-        let sharp = self.sharp;
-        Detail { surface, exemplars, outcome, orientations, cells, sharp, radius }
-            .add(points, around);
+        let (hole, sharp) = (&self.hole, self.sharp);
+        let around = Surroundings::new(surface, points, hole);
+        let detail = Detail {
+            surface,
+            exemplars,
+            outcome,
+            orientations,
+            cells,
+            sharp,
+            radius,
+            hole,
+            around: &around,
+            smooth_holes: &self.smooth_holes,
+        };
+        detail.add(points);
         let normals = &outcome.normals[..cells.len()];
         dihedral_angles::match_dihedral_angles(
-            surface, points, normals, &self.hole, sharp, progress,
+            surface, points, normals, hole, &around, sharp, progress,
         )
     }
 }

@@ -5,18 +5,20 @@ use nalgebra::{Point3, Vector3};
 use super::compare::{PatchSamples, Plane};
 use super::exemplars::Exemplars;
 use super::heights::{View, sample};
+use super::hole::Hole;
 use super::level::Outcome;
 use super::orientations::Orientations;
 use super::roughness::Roughness;
 use super::spread::Plate;
 use super::surface::{NONE, Surface};
+use super::surroundings::Surroundings;
 
 /// Stiffness with which vertices are held at their positions while detail is added. With a twentieth of this stiffness, the added detail
 /// bends the whole surface: on eight holes in each of five surfaces, fills were up to 25 % farther from the true surface.
 const STIFFNESS: f64 = 2.0;
 
 /// Maximum factor by which copied detail is amplified.
-const MAX_AMPLIFICATION: f64 = 3.0;
+const MAX_AMPLIFICATION: f64 = 1.5;
 
 /// Number of bisection steps to find the factor by which detail is amplified.
 const HALVINGS: usize = 8;
@@ -33,16 +35,21 @@ pub(super) struct Detail<'a> {
     pub(super) sharp: &'a [bool],
     /// The radius of a patch in mm.
     pub(super) radius: f64,
+    pub(super) hole: &'a Hole,
+    pub(super) around: &'a Surroundings,
+    /// For each hole, true if it gets no detail.
+    pub(super) smooth_holes: &'a [bool],
 }
 
 impl Detail<'_> {
     /// Moves the vertices of the fill, all of which must be samples, along their normals until each has about the same height over its
-    /// neighbors as on its exemplar. Detail is amplified until the fill is as rough as the surface at the vertices `around` the hole. This
-    /// is needed because exemplars are chosen by comparison with a surface that is too smooth, so they tend to be too smooth as well.
+    /// neighbors as on its exemplar. In each hole, detail is amplified or weakened until the fill is as rough as the surface around the
+    /// hole. Amplification is needed because exemplars are chosen by comparison with a surface that is too smooth, so they tend to be too
+    /// smooth as well.
     ///
     /// Solves the equation of a thin plate whose rest shape is not flat: Botsch and Sorkine, "On linear variational surface
     /// deformation methods" (2008), section 4.
-    pub(super) fn add(&self, points: &mut [Point3<f64>], around: Vec<u32>) {
+    pub(super) fn add(&self, points: &mut [Point3<f64>]) {
         let count = points.len();
         let data = count - self.cells.len();
         let (mut change, mut wanted) = (vec![0.0; count], vec![0.0; count]);
@@ -67,23 +74,30 @@ impl Detail<'_> {
         }
         let Some(plate) = Plate::new(self.surface, count, data, |_| STIFFNESS) else { return };
         let [once, more] = [change, wanted].map(|wanted| plate.solve(plate.load(&wanted)));
-        let goal = Roughness::new(self.surface, around).measure(points);
-        let filled = Roughness::new(self.surface, (data as u32..count as u32).collect());
-        let start = points[data..].to_vec();
-        let mut try_times = |times: f64| {
-            for (k, start) in start.iter().enumerate() {
-                let far = once[k][0] + (times - 1.0) * more[k][0];
-                points[data + k] = start + normals[data + k] * far;
+        for (number, fill) in self.hole.fills(data).iter().enumerate() {
+            if self.smooth_holes[number] {
+                continue;
             }
-            filled.measure(points)
-        };
-        if try_times(1.0) < goal {
-            let (mut low, mut high) = (1.0, MAX_AMPLIFICATION);
+            let around = self.around.weighted(number).map(|near| (near.vertex, near.weight));
+            let goal = Roughness::new(self.surface, around.collect()).measure(points);
+            let filled = fill.iter().map(|&vertex| (vertex, 1.0));
+            let filled = Roughness::new(self.surface, filled.collect());
+            let start: Vec<Point3<f64>> = fill.iter().map(|&v| points[v as usize]).collect();
+            let mut roughness_of = |times: f64| {
+                for (&vertex, start) in fill.iter().zip(&start) {
+                    let vertex = vertex as usize;
+                    let (once, more) = (once[vertex - data][0], more[vertex - data][0]);
+                    let far = times.min(1.0) * once + (times - 1.0).max(0.0) * more;
+                    points[vertex] = start + normals[vertex] * far;
+                }
+                filled.measure(points)
+            };
+            let (mut low, mut high) = (0.0, MAX_AMPLIFICATION);
             for _ in 0..HALVINGS {
                 let middle = 0.5 * (low + high);
-                *if try_times(middle) < goal { &mut low } else { &mut high } = middle;
+                *if roughness_of(middle) < goal { &mut low } else { &mut high } = middle;
             }
-            try_times(low);
+            roughness_of(low);
         }
     }
 }

@@ -14,6 +14,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::hole::Hole;
 use super::surface::{NONE, Surface};
+use super::surroundings::Surroundings;
 
 /// Stiffness that holds vertices at their positions, times the squared mean edge length of the input mesh. With 1, a motion by one edge
 /// length counts as much as an angle error of one radian. With 0.2, crests become spikes on curly surfaces.
@@ -23,15 +24,14 @@ const STIFFNESS: f64 = 1.0;
 /// curly surfaces are still wrong by a quarter.
 const ROUNDS: usize = 16;
 
-/// Width of the band around a hole in which angles are measured, as a multiple of the maximum distance between the hole's vertices and its
-/// rim.
-const NEIGHBORHOOD: f64 = 2.0;
+/// The fractions of their motion that vertices keep, if with the whole motion an angle would be larger than all around the hole.
+const FRACTIONS: [f64; 4] = [0.9, 0.75, 0.5, 0.25];
 
 /// Minimum number of edges around a hole; fewer edges do not give a reliable distribution of angles.
 const MIN_EDGES: usize = 100;
 
 /// Moves the vertices of the fill along their `normals` until the edges in each hole have the same angle distribution as the edges around
-/// it. Vertices for which `sharp` is true do not move.
+/// it. No angle becomes larger than all angles around the hole. Vertices for which `sharp` is true do not move.
 ///
 /// # Errors
 /// Returns an error if the evaluation is cancelled.
@@ -40,11 +40,12 @@ pub(super) fn match_dihedral_angles(
     points: &mut [Point3<f64>],
     normals: &[Vector3<f64>],
     hole: &Hole,
+    around: &Surroundings,
     sharp: &[bool],
     progress: &Progress<'_>,
 ) -> Result<(), CancelledError> {
     let data = points.len() - normals.len();
-    let goals = angles_around_holes(surface, points, data, hole);
+    let goals = angles_around_holes(surface, points, data, hole, around);
     let moves = |vertex: u32| {
         let missing = (vertex as usize).checked_sub(data)?;
         (sharp.get(missing) != Some(&true)).then_some(missing)
@@ -65,6 +66,7 @@ pub(super) fn match_dihedral_angles(
     let Some(factors) = Cholesky::new(&equations(&hinges, data, normals.len(), stiff)) else {
         return Ok(());
     };
+    let (start, fills) = (points[data..].to_vec(), hole.fills(data));
     let mut moved = vec![0.0; normals.len()];
     for _ in 0..ROUNDS {
         progress.check()?;
@@ -98,7 +100,39 @@ pub(super) fn match_dihedral_angles(
             points[data + missing] += normals[missing] * far;
         }
     }
+    for fill in hinges.chunk_by(|a, b| a.hole == b.hole) {
+        let number = fill[0].hole as usize;
+        let max = goals[number].last().copied().unwrap_or(0.0);
+        limit_angles(fill, max, &fills[number], &start, points);
+    }
     Ok(())
+}
+
+/// Moves the vertices of a fill back towards their positions in `start` until no angle exceeds `max` or the largest angle at the start,
+/// whichever is larger. `start` has the positions of all vertices of fills.
+fn limit_angles(
+    hinges: &[Hinge],
+    max: f64,
+    fill: &[u32],
+    start: &[Point3<f64>],
+    points: &mut [Point3<f64>],
+) {
+    let data = points.len() - start.len();
+    let end: Vec<Point3<f64>> = fill.iter().map(|&vertex| points[vertex as usize]).collect();
+    let mut largest_at = |fraction: f64| {
+        for (&vertex, end) in fill.iter().zip(&end) {
+            let start = start[vertex as usize - data];
+            points[vertex as usize] = start + (end - start) * fraction;
+        }
+        let angles = hinges.iter().map(|hinge| dihedral_angle(hinge.corners, points).abs());
+        angles.fold(0.0, f64::max)
+    };
+    let max = max.max(largest_at(0.0));
+    // The fraction 0 is left if no other is good enough.
+    if largest_at(1.0) <= max || FRACTIONS.into_iter().any(|fraction| largest_at(fraction) <= max) {
+        return;
+    }
+    largest_at(0.0);
 }
 
 /// An edge that has two faces, of which at least one has a corner that moves.
@@ -129,21 +163,19 @@ fn angles_around_holes(
     points: &[Point3<f64>],
     data: usize,
     hole: &Hole,
+    around: &Surroundings,
 ) -> Vec<Vec<f64>> {
-    let missing = data as u32..points.len() as u32;
-    let nearest = surface.nearest(points, missing, NEIGHBORHOOD * hole.width);
-    let near = |vertex: u32| {
-        let missing = (nearest[vertex as usize] as usize).checked_sub(data)?;
-        let far = (points[vertex as usize] - points.get(data + missing)?).norm();
-        (far <= NEIGHBORHOOD * hole.widths[missing]).then_some(hole.numbers[missing])
-    };
-    let count = hole.numbers.iter().max().map_or(0, |last| last + 1);
-    let mut angles = vec![Vec::new(); count as usize];
+    let mut numbers = vec![NONE; data];
+    for number in 0..hole.count() {
+        around.weighted(number).for_each(|near| numbers[near.vertex as usize] = number as u32);
+    }
+    let mut angles = vec![Vec::new(); hole.count()];
     for corners in hinges(surface) {
         if corners.iter().any(|&corner| data <= corner as usize) {
             continue;
         }
-        if let (Some(number), Some(_)) = (near(corners[0]), near(corners[1])) {
+        let [number, other, ..] = corners.map(|corner| numbers[corner as usize]);
+        if number != NONE && other != NONE {
             angles[number as usize].push(dihedral_angle(corners, points).abs());
         }
     }

@@ -38,6 +38,20 @@ impl Hole {
         Some(Self { rim, widths, numbers, width, edge })
     }
 
+    /// The number of holes.
+    pub(super) fn count(&self) -> usize {
+        self.numbers.iter().max().map_or(0, |last| *last as usize + 1)
+    }
+
+    /// Returns the vertices of the fill of each hole. The fill's vertices have the indices from `data` on.
+    pub(super) fn fills(&self, data: usize) -> Vec<Vec<u32>> {
+        let mut fills = vec![Vec::new(); self.count()];
+        for (vertex, &number) in (data as u32..).zip(&self.numbers) {
+            fills[number as usize].push(vertex);
+        }
+        fills
+    }
+
     /// Returns the minimum radius of a patch: [`SAMPLES`] times the mean edge length at the rims.
     pub(super) fn smallest_radius(&self) -> f64 {
         SAMPLES * self.edge

@@ -171,8 +171,8 @@ pub enum Update {
     Exact,
     /// As published: patches count by their weights, normals are those of vertices, exemplars may reach the rim, and filled edges are on
     /// each level as long as the distance between compared points; this also completes the cone of `start: Centroid`. Unlike in the
-    /// publication, an exemplar is aligned with a patch by the best small shift and tilt, and normals at the rim are those of the data
-    /// only.
+    /// publication, an exemplar is aligned with a patch by the best small shift and tilt, normals at the rim are those of the data only, and
+    /// where the surroundings of a hole are smooth, the iteration ends with a thin plate: the mean of many exemplars has dimples.
     Published,
 }
 

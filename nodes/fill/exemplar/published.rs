@@ -3,15 +3,15 @@
 use maquette_node::Progress;
 use maquette_value::TraceStep;
 
-use super::cells;
 use super::completion::{
     Completion, CompletionInput, CompletionResult, Copies, MIN_EXEMPLARS, distances_to_missing,
     vertex_areas,
 };
 use super::hole::{Hole, SAMPLES};
-use super::options::ExemplarOptions;
+use super::options::{ExemplarOptions, Update};
 use super::orientations::Orientations;
 use super::surface::Surface;
+use super::{cells, gate};
 use crate::triangles::density::RefineError;
 use crate::triangles::filling::Filling;
 
@@ -23,7 +23,8 @@ pub(crate) type Density<'a> =
 /// level.
 ///
 /// Kawai, Sato and Yokoya (2008): edges are split and collapsed to the sample distance of each level, so that finer features of the initial
-/// fill do not survive a coarse level.
+/// fill do not survive a coarse level. In addition to the publication, the result says which fills have smooth surroundings: the mean of
+/// many exemplars leaves dimples there, although its energy is the lowest.
 ///
 /// # Errors
 /// Returns an error if there would be too many triangles, or if the evaluation is cancelled.
@@ -36,13 +37,13 @@ pub(crate) fn complete_as_published(
 ) -> Result<CompletionResult, RefineError> {
     let (data, kept) = (filling.n_data_vertices, filling.n_data_faces);
     let count = filling.points.len() - data;
-    let mut completed =
-        CompletionResult { trace: vec![], copies: Copies::empty(count), no_exemplar: true };
+    let mut completed = CompletionResult::new(count);
     let start = Surface::new(filling.points.len(), &filling.faces);
     let Some(hole) = Hole::new(&start, &filling.points, data) else { return Ok(completed) };
     let mut radii = hole.radii(options, &filling.points[..data]);
     let edge = hole.edge;
-    let (mut level, mut done) = (0, 0);
+    let exact = ExemplarOptions { update: Update::Exact, ..options.clone() };
+    let (mut level, mut done, mut has_converged) = (0, 0, true);
     while level < radii.len() {
         let levels = radii.len() as f64;
         let own = level as f64 / levels..(level + 1) as f64 / levels;
@@ -69,6 +70,7 @@ pub(crate) fn complete_as_published(
             ),
             orientations: Orientations::new(options.rotations, options.mirror),
             areas: vertex_areas(&surface, points, data, kept, options.update),
+            smooth_holes: vec![false; hole.count()],
             hole,
             sharp: &[],
             guides: Vec::new(),
@@ -92,12 +94,19 @@ pub(crate) fn complete_as_published(
             completed.trace.push(TraceStep { iteration: done + iteration, max, rms });
         }
         done += outcome.iterations + 1;
+        has_converged &= outcome.iterations < u64::from(options.max_iterations());
         completed.no_exemplar &= outcome.guides.is_empty();
         if last {
             let cells = cells::cells(&surface, points, data, &outcome, edge);
             completed.copies = Copies::empty(points.len() - data);
             completion.record_copies(&exemplars, &outcome, &cells, points, &mut completed.copies);
             completed.copies.set_exemplars(&outcome.guides, data);
+            if has_converged {
+                completion.options = &exact;
+                let is_smooth = gate::find_smooth_holes(&completion, points, progress)?;
+                let numbers = completion.hole.numbers.iter();
+                completed.to_fair = numbers.map(|&number| is_smooth[number as usize]).collect();
+            }
         }
         level += 1;
     }

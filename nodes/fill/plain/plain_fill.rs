@@ -1,6 +1,6 @@
 //! Fills one hole without exemplars: flat, as a membrane, as a thin plate, or with creases that continue those of the surrounding surface.
 
-use maquette_node::Progress;
+use maquette_node::{CancelledError, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::fairing::{Energy, fair};
@@ -113,6 +113,20 @@ fn plate(
     fair(triangulation, rim, Energy::Membrane, progress)?;
     refine(triangulation, coarse, progress)?;
     progress.tick(0.1)?;
+    set_rest_shape(triangulation, rim, progress)?;
+    progress.tick(0.2)?;
+    refine(triangulation, |point| sizes.length_at(point), progress)?;
+    progress.tick(0.5)?;
+    fair(triangulation, rim, Energy::EvenPlate, progress)?;
+    Ok(())
+}
+
+/// Moves the vertices of a fill to the rest shape of a plate: the mean of a membrane and a full plate, see [`plate`].
+fn set_rest_shape(
+    triangulation: &mut Triangulation,
+    rim: &Rim,
+    progress: &Progress<'_>,
+) -> Result<(), CancelledError> {
     for _ in 0..COARSE_ROUNDS {
         fair(triangulation, rim, Energy::ThinPlate, progress)?;
     }
@@ -121,9 +135,19 @@ fn plate(
     for (point, full) in triangulation.points.iter_mut().zip(&fullest) {
         *point = nalgebra::center(point, full);
     }
-    progress.tick(0.2)?;
-    refine(triangulation, |point| sizes.length_at(point), progress)?;
-    progress.tick(0.5)?;
+    Ok(())
+}
+
+/// Moves the vertices of a fill to a thin plate and keeps its triangles.
+///
+/// # Errors
+/// Returns an error if the evaluation is cancelled.
+pub(crate) fn fair_as_plate(
+    triangulation: &mut Triangulation,
+    rim: &Rim,
+    progress: &Progress<'_>,
+) -> Result<(), CancelledError> {
+    set_rest_shape(triangulation, rim, progress)?;
     fair(triangulation, rim, Energy::EvenPlate, progress)?;
     Ok(())
 }

@@ -5,6 +5,7 @@ use nalgebra::Point3;
 
 use super::fairing::{Energy, fair};
 use super::hole_fill::HoleFill;
+use super::plain_fill::fair_as_plate;
 use super::sizes::Sizes;
 use crate::border::rim::{OneRings, Rim};
 use crate::triangles::density::{RefineError, refine};
@@ -66,6 +67,31 @@ impl Remesh<'_> {
             );
         }
         Ok(positions)
+    }
+
+    /// Moves the fills for whose vertices `is_chosen` is true to thin plates. `is_chosen` has an
+    /// entry for each vertex of the fills.
+    ///
+    /// # Errors
+    /// Returns an error if the evaluation is cancelled.
+    pub(crate) fn fair(
+        &mut self,
+        filling: &mut Filling,
+        is_chosen: &[bool],
+        progress: &Progress<'_>,
+    ) -> Result<(), CancelledError> {
+        self.take_positions(filling);
+        let mut first = 0;
+        for (hole, fill) in self.holes.iter().zip(self.fills.iter_mut()) {
+            let rim = Rim::new(filling, self.one_rings, hole);
+            let count = fill.triangulation.compact().1.len() - hole.len();
+            if is_chosen.get(first) == Some(&true) && count > 0 {
+                fair_as_plate(&mut fill.triangulation, &rim, progress)?;
+            }
+            first += count;
+        }
+        filling.add_all(self.holes, self.fills);
+        Ok(())
     }
 
     /// Copies the current positions of the fills' vertices from `filling` into `fills`.
