@@ -2,5 +2,9 @@
 
 pub(super) mod chart;
 pub(super) mod charts;
+mod curves;
+pub(super) mod divide;
+mod ends;
+mod pairing;
 pub(super) mod segmentation;
 pub(super) mod sharpen;
