@@ -1,4 +1,4 @@
-//! Extends creases of the surface around a hole across the hole.
+//! Extends creases of the surface around a hole across the hole: as curves, or as intersections of surfaces.
 
 pub(super) mod chart;
 pub(super) mod charts;

@@ -42,6 +42,7 @@ mod options;
 mod orientations;
 mod patches;
 mod published;
+mod rotations;
 mod roughness;
 mod search;
 mod smoothness;
@@ -52,6 +53,7 @@ mod surface;
 mod tests;
 mod tints;
 mod votes;
+mod wavelength;
 
 pub(super) use complete::complete;
 pub(super) use completion::{CompletionInput, Copies};

@@ -13,10 +13,12 @@ use super::method::FillMethod;
 use super::shapes::{grid, random, remove_vertices, sphere, triangle_mesh};
 
 mod creases;
+mod curved_creases;
 mod intersections;
 mod odd_holes;
 mod pictures;
 mod published;
+mod relief;
 
 const PLAIN: [FillMethod; 4] =
     [FillMethod::Flat, FillMethod::Membrane, FillMethod::ThinPlate, FillMethod::CreaseAware];

@@ -1,6 +1,6 @@
 //! Curves that join two ends of creases across a hole: lines, circular arcs and splines.
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 
 use super::ends::{CreaseEnd, transport};
 
@@ -27,6 +27,9 @@ const MIN_GAIN: f64 = 10.0;
 /// Maximum value of the bending of a spline: its length cubed, times the integral of the square of the change of its curvature. A spline
 /// whose curvature changes evenly from 0 to the curvature at which it turns by 90 degrees has a value of 10.
 const MAX_BENDING: f64 = 40.0;
+
+/// Cosine of the maximum angle, 20 degrees, between two straight creases that are joined. Those at a larger angle meet in a corner.
+const MAX_STRAIGHT_TURN: f64 = 0.9396926207859084;
 
 /// Distance from the ends over which a curve is moved to end exactly at the rim, in edge lengths.
 const BLEND: f64 = 4.0;
@@ -110,11 +113,33 @@ fn curve_between(a: &CreaseEnd, b: &CreaseEnd, edge: f64) -> Option<(Vec<Point3<
     }
     let locals = [a, b].map(|end| LocalFit::new(&end.points, limit));
     if let [Some(first), Some(last)] = locals {
+        if [a, b].iter().all(|end| is_straight(end, limit))
+            && a.heading().dot(&b.heading()) > -MAX_STRAIGHT_TURN
+        {
+            return None;
+        }
         let (points, bending) = spline(&first, &last)?;
-        return (bending <= MAX_BENDING).then_some((points, 1.0 + bending, false));
+        if bending > MAX_BENDING {
+            return None;
+        }
+        let points = polynomial(a, b, &points, limit, edge).unwrap_or(points);
+        return Some((points, 1.0 + bending, false));
     }
     let is_long = NOTCHED_EDGES < a.points.len().min(b.points.len());
     is_long.then(|| simple_curve(a, b, WINDOWS[0], MAX_NOTCHES * edge, edge))?
+}
+
+/// Returns true if the crease is a line up to [`NOTCHED_EDGES`] from the rim.
+fn is_straight(end: &CreaseEnd, limit: f64) -> bool {
+    let points = &end.points[..=NOTCHED_EDGES.min(end.points.len() - 1)];
+    principal_axes(points)
+        .is_some_and(|(origin, axes)| line_misfit(points, origin, axes[0]) <= limit)
+}
+
+/// Returns the root mean square distance of points from a line.
+fn line_misfit(points: &[Point3<f64>], origin: Point3<f64>, axis: Vector3<f64>) -> f64 {
+    let squares = points.iter().map(|p| (p - origin).cross(&axis).norm_squared());
+    (squares.sum::<f64>() / points.len() as f64).sqrt()
 }
 
 /// Estimates the noise of points on a curve from their third differences across the curve.
@@ -146,10 +171,7 @@ fn simple_curve(
         2.0 * count * libm::log(misfit * misfit + floor * floor) + terms * libm::log(2.0 * count)
     };
     let (origin, axes) = principal_axes(&points)?;
-    let line_misfit = {
-        let squares = points.iter().map(|p| (p - origin).cross(&axes[0]).norm_squared());
-        (squares.sum::<f64>() / count).sqrt()
-    };
+    let line_misfit = line_misfit(&points, origin, axes[0]);
     let circle = Circle::fit(&points, origin, axes);
     let circle = circle.map(|circle| (circle.misfit(&points), circle));
     let prefers_circle = circle.as_ref().is_some_and(|(misfit, _)| {
@@ -363,12 +385,128 @@ fn spline(a: &LocalFit, b: &LocalFit) -> Option<(Vec<Point3<f64>>, f64)> {
     result
 }
 
+/// Maximum degree of a polynomial, and number of points of each end to which it is fitted.
+const MAX_DEGREE: usize = 7;
+const POLYNOMIAL_POINTS: usize = 17;
+
+/// Maximum length of a gap that a polynomial bridges, as a multiple of the length of both ends to which it is fitted.
+const MAX_BRIDGE: f64 = 1.0;
+
+/// Fits a polynomial of the arc length to both ends at once, which determines a curve with noise better than a spline between local fits.
+/// Returns its points between the ends; `None` if the gap is too long or no polynomial fits. The degree is that with the least Bayesian
+/// information criterion. `spline` is an estimate of the curve.
+fn polynomial(
+    a: &CreaseEnd,
+    b: &CreaseEnd,
+    spline: &[Point3<f64>],
+    limit: f64,
+    edge: f64,
+) -> Option<Vec<Point3<f64>>> {
+    let [first, last] = [a, b].map(|end| &end.points[..POLYNOMIAL_POINTS.min(end.points.len())]);
+    let [back, ahead] = [first, last].map(arc_lengths);
+    let reach = back[back.len() - 1] + ahead[ahead.len() - 1];
+    let points: Vec<Point3<f64>> = first.iter().chain(last).copied().collect();
+    let mut gap = spline.to_vec();
+    for _ in 0..4 {
+        let lengths = arc_lengths(&gap);
+        let length = lengths[lengths.len() - 1];
+        if length > MAX_BRIDGE * reach {
+            return None;
+        }
+        let places: Vec<f64> =
+            back.iter().map(|s| -s).chain(ahead.iter().map(|s| length + s)).collect();
+        let range = [-back[back.len() - 1], length + ahead[ahead.len() - 1]];
+        let fits = (3..=MAX_DEGREE).filter_map(|degree| {
+            let fit = Polynomial::fit(&points, &places, range, degree)?;
+            let misfit = fit.misfit(&points, &places);
+            let (count, floor) = (2.0 * points.len() as f64, 0.003 * edge);
+            let information = count * libm::log(misfit * misfit + floor * floor)
+                + 2.0 * (degree + 1) as f64 * libm::log(count);
+            Some((information, misfit, fit))
+        });
+        let (_, misfit, fit) = fits.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        if misfit > limit {
+            return None;
+        }
+        gap = (0..=SPLINE_POINTS)
+            .map(|k| fit.point(length * k as f64 / SPLINE_POINTS as f64))
+            .collect();
+    }
+    Some(gap)
+}
+
+/// A polynomial curve, as a sum of Chebyshev polynomials over a range.
+struct Polynomial {
+    range: [f64; 2],
+    coefficients: Vec<Vector3<f64>>,
+}
+
+impl Polynomial {
+    fn fit(points: &[Point3<f64>], places: &[f64], range: [f64; 2], degree: usize) -> Option<Self> {
+        let size = degree + 1;
+        if points.len() < 2 * size {
+            return None;
+        }
+        let (mut matrix, mut right) = (DMatrix::zeros(size, size), DMatrix::zeros(size, 3));
+        for (point, &place) in points.iter().zip(places) {
+            let row = chebyshev(range, place, size);
+            for i in 0..size {
+                for j in 0..size {
+                    matrix[(i, j)] += row[i] * row[j];
+                }
+                for axis in 0..3 {
+                    right[(i, axis)] += row[i] * (point[axis] - points[0][axis]);
+                }
+            }
+        }
+        let solution = matrix.cholesky()?.solve(&right);
+        let coefficients = (0..size).map(|k| {
+            let own = Vector3::new(solution[(k, 0)], solution[(k, 1)], solution[(k, 2)]);
+            if k == 0 { own + points[0].coords } else { own }
+        });
+        Some(Self { range, coefficients: coefficients.collect() })
+    }
+
+    fn point(&self, place: f64) -> Point3<f64> {
+        let row = chebyshev(self.range, place, self.coefficients.len());
+        Point3::from(
+            row.iter().zip(&self.coefficients).map(|(x, own)| own * *x).sum::<Vector3<f64>>(),
+        )
+    }
+
+    /// Returns the root mean square distance of points from the curve, enlarged by the number of coefficients.
+    fn misfit(&self, points: &[Point3<f64>], places: &[f64]) -> f64 {
+        let squares = points
+            .iter()
+            .zip(places)
+            .map(|(point, &place)| (point - self.point(place)).norm_squared());
+        (squares.sum::<f64>() / (points.len() - self.coefficients.len()) as f64).sqrt()
+    }
+}
+
+/// Returns the values of the first Chebyshev polynomials at a position in a range.
+fn chebyshev([low, high]: [f64; 2], place: f64, count: usize) -> Vec<f64> {
+    let x = (2.0 * place - low - high) / (high - low);
+    let mut values = vec![1.0, x];
+    while values.len() < count {
+        let k = values.len();
+        values.push(2.0 * x * values[k - 1] - values[k - 2]);
+    }
+    values
+}
+
+/// Returns the distance along a polyline from its first point to each point.
+fn arc_lengths(curve: &[Point3<f64>]) -> Vec<f64> {
+    let mut lengths = vec![0.0];
+    for pair in curve.windows(2) {
+        lengths.push(lengths[lengths.len() - 1] + (pair[1] - pair[0]).norm());
+    }
+    lengths
+}
+
 /// Returns `count` + 1 points evenly spaced along a polyline.
 fn resample(curve: &[Point3<f64>], count: usize) -> Vec<Point3<f64>> {
-    let mut along = vec![0.0];
-    for pair in curve.windows(2) {
-        along.push(along[along.len() - 1] + (pair[1] - pair[0]).norm());
-    }
+    let along = arc_lengths(curve);
     let length = along[along.len() - 1];
     (0..=count)
         .map(|k| {

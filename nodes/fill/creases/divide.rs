@@ -8,6 +8,7 @@
 use maquette_node::Progress;
 use nalgebra::{Point3, Vector3};
 
+use super::charts::adjacent_faces;
 use super::ends::find_ends;
 use super::pairing::{Pair, pair};
 use crate::border::rim::Rim;
@@ -15,16 +16,22 @@ use crate::plain::plain_fill::{goes_too_far, membrane, min_weight_or_fan, plate}
 use crate::plain::sizes::Sizes;
 use crate::triangles::density::RefineError;
 use crate::triangles::filling::Filling;
-use crate::triangles::triangulation::Triangulation;
+use crate::triangles::triangulation::{Triangulation, area_vector};
 
 /// Maximum distance of a rim vertex from a curve at which the rim runs along the crease, in edge lengths.
 const ALONG: f64 = 0.3;
 
+/// Minimum mean angle, in radians, between adjacent triangles of a relief: 12 degrees. Noise of a twentieth of the edge length makes 8.
+const MIN_RELIEF_BEND: f64 = 0.21;
+
 /// A fill that is divided by curves which continue the creases of the data.
 pub(crate) struct DividedFill {
     pub(crate) triangulation: Triangulation,
-    /// True if no crease is curved. Then intersecting surfaces also describe the creases.
-    pub(crate) is_straight: bool,
+    /// True if all creases are joined, and curves describe them better than intersecting surfaces: if some are curved, or if the data beside
+    /// them are a relief.
+    pub(crate) is_clear: bool,
+    /// For each vertex, true if it is inside of a part whose data are a relief.
+    pub(crate) is_relief: Vec<bool>,
 }
 
 /// Fills a hole at which creases end that can be joined by curves. Returns `None` if there are no such creases, or if more creases remain
@@ -50,9 +57,13 @@ pub(crate) fn divide(
             return Ok(None);
         }
     }
-    let is_straight = pairing.pairs.iter().all(|pair| pair.joint.is_straight);
-    let triangulation = division.fill(sizes, progress)?;
-    Ok(triangulation.map(|triangulation| DividedFill { triangulation, is_straight }))
+    let is_curved = pairing.pairs.iter().any(|pair| !pair.joint.is_straight);
+    let filled = division.fill(sizes, progress)?;
+    Ok(filled.map(|(triangulation, is_relief)| DividedFill {
+        triangulation,
+        is_clear: pairing.n_open == 0 && is_curved || is_relief.contains(&true),
+        is_relief,
+    }))
 }
 
 /// A vertex on the boundary of a part of a hole.
@@ -207,16 +218,17 @@ impl<'a> Division<'a> {
         &self,
         sizes: &Sizes,
         progress: &Progress<'_>,
-    ) -> Result<Option<Triangulation>, RefineError> {
+    ) -> Result<Option<(Triangulation, Vec<bool>)>, RefineError> {
         let (mut points, mut faces) = (self.points.clone(), Vec::new());
         // The edges between vertices of the rim and the curves that parts have used.
         let mut used: Vec<[u32; 2]> = Vec::new();
+        let mut is_relief = vec![false; points.len()];
         for part in &self.parts {
             progress.check()?;
             if part.len() < 3 {
                 return Ok(None);
             }
-            let rim = self.part_rim(part, sizes, &used);
+            let PartRim { rim, data_bend } = self.part_rim(part, sizes, &used);
             let mut triangulation = min_weight_or_fan(&rim);
             sizes.check(&triangulation)?;
             let start = triangulation.clone();
@@ -232,6 +244,7 @@ impl<'a> Division<'a> {
                 None => first + vertex - part.len() as u32,
             };
             points.extend(kept[part.len()..].iter().map(|&v| triangulation.points[v as usize]));
+            is_relief.resize(points.len(), data_bend > MIN_RELIEF_BEND);
             for face in own.iter().map(|face| face.map(number)) {
                 let sides = [[face[0], face[1]], [face[1], face[2]], [face[2], face[0]]];
                 used.extend(
@@ -242,11 +255,11 @@ impl<'a> Division<'a> {
             used.sort_unstable();
             used.dedup();
         }
-        Ok(Some(Triangulation::new(points, self.rim.len(), &faces)))
+        Ok(Some((Triangulation::new(points, self.rim.len(), &faces), is_relief)))
     }
 
     /// Returns a part as a hole of its own: the surface around it is that of the data on its own side, and strips beyond the creases.
-    fn part_rim(&self, part: &[Corner], sizes: &Sizes, used: &[[u32; 2]]) -> Rim {
+    fn part_rim(&self, part: &[Corner], sizes: &Sizes, used: &[[u32; 2]]) -> PartRim {
         let count = part.len();
         let data = self.rim.len();
         let points: Vec<Point3<f64>> = part.iter().map(|corner| self.position(corner)).collect();
@@ -282,8 +295,9 @@ impl<'a> Division<'a> {
             points,
         };
         self.add_data(part, &mut rim);
+        let data_bend = mean_bend(&rim);
         add_strips(part, &mut rim);
-        rim
+        PartRim { rim, data_bend }
     }
 
     /// Returns true if two rim vertices are neighbors on the rim, or are or may become connected outside of the hole.
@@ -362,6 +376,29 @@ impl<'a> Division<'a> {
             }
         }
     }
+}
+
+/// A part as a hole of its own.
+struct PartRim {
+    rim: Rim,
+    /// The mean angle between adjacent triangles of the data at the rim, in radians.
+    data_bend: f64,
+}
+
+/// Returns the mean angle between adjacent triangles around a hole, in radians; 0 if there are none.
+fn mean_bend(rim: &Rim) -> f64 {
+    let corner = |index: u32| match rim.points.get(index as usize) {
+        Some(point) => *point,
+        None => rim.ring[index as usize - rim.len()],
+    };
+    let areas: Vec<Vector3<f64>> =
+        rim.triangles.iter().map(|face| area_vector(face.map(corner))).collect();
+    let bends = adjacent_faces(&rim.triangles).into_iter().map(|pair| {
+        let [a, b] = pair.map(|face| areas[face as usize]);
+        libm::atan2(a.cross(&b).norm(), a.dot(&b))
+    });
+    let (sum, count) = bends.fold((0.0, 0.0), |(sum, count), bend| (sum + bend, count + 1.0));
+    if count > 0.0 { sum / count } else { 0.0 }
 }
 
 /// The part of a rim that runs along a crease.

@@ -203,11 +203,19 @@ impl Network {
     }
 }
 
-/// Turns a vector by the smallest rotation that turns one direction into another.
+/// Turns a vector by the smallest rotation that turns one direction into another. Directions of opposite or no length leave it unchanged.
 pub(super) fn transport(
     vector: Vector3<f64>,
     from: Vector3<f64>,
     to: Vector3<f64>,
 ) -> Vector3<f64> {
-    nalgebra::Rotation3::rotation_between(&from, &to).map_or(vector, |rotation| rotation * vector)
+    let (Some(from), Some(to)) = (from.try_normalize(0.0), to.try_normalize(0.0)) else {
+        return vector;
+    };
+    let (axis, cosine) = (from.cross(&to), from.dot(&to));
+    if cosine <= -1.0 + 1e-12 {
+        return vector;
+    }
+    let turned = axis.cross(&vector);
+    vector + turned + axis.cross(&turned) / (1.0 + cosine)
 }

@@ -25,7 +25,7 @@ pub(super) struct Pair {
 /// The curves that continue creases across a hole; no two of them cross.
 pub(super) struct Pairing {
     pub(super) pairs: Vec<Pair>,
-    /// The number of ends with many edges that are not joined.
+    /// The number of ends that are not joined.
     pub(super) n_open: usize,
 }
 
@@ -76,7 +76,7 @@ pub(super) fn pair(ends: &[CreaseEnd], edge: f64) -> Option<Pairing> {
                 }));
             }
             None => {
-                n_open += usize::from(ends[i].points.len() > SHORT_EDGES);
+                n_open += 1;
                 open.push([i + 1, j]);
             }
         }

@@ -40,7 +40,7 @@ pub(crate) fn complete_as_published(
         CompletionResult { trace: vec![], copies: Copies::empty(count), no_exemplar: true };
     let start = Surface::new(filling.points.len(), &filling.faces);
     let Some(hole) = Hole::new(&start, &filling.points, data) else { return Ok(completed) };
-    let mut radii = hole.radii(options, &filling.points[..data]);
+    let mut radii = hole.radii(options, None, &filling.points[..data]);
     let edge = hole.edge;
     let (mut level, mut done) = (0, 0);
     while level < radii.len() {
@@ -67,7 +67,7 @@ pub(crate) fn complete_as_published(
                 data,
                 (2.5 * radii[0]).max(hole.width),
             ),
-            orientations: Orientations::new(options.rotations, options.mirror),
+            orientations: Orientations::new(options.rotations.unwrap_or(1), options.mirror),
             areas: vertex_areas(&surface, points, data, kept, options.update),
             hole,
             sharp: &[],

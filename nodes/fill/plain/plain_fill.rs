@@ -70,14 +70,12 @@ pub(crate) fn fill_hole(
     let is_asked = method == PlainMethod::CreaseAware;
     if is_asked || method == PlainMethod::PlateOrCreases && are_creases_certain(&fallback, rim) {
         match extend_creases(filling, &triangulation, rim, &sizes, progress)? {
-            Some(sharp) => {
-                return Ok(HoleFill { triangulation: sharp, fallback: None, is_sharp: true });
-            }
+            Some(fill) => return Ok(fill),
             None if is_asked => fallback = fallback.or(Some(Fallback::NoCreases)),
             None => {}
         }
     }
-    Ok(HoleFill { triangulation, fallback, is_sharp: false })
+    Ok(HoleFill { triangulation, fallback, is_sharp: false, is_relief: Vec::new() })
 }
 
 /// Returns a fill across which the creases of the data are extended; `None` if there are no creases that meet or can be joined. Curved
@@ -89,13 +87,20 @@ fn extend_creases(
     rim: &Rim,
     sizes: &Sizes,
     progress: &Progress<'_>,
-) -> Result<Option<Triangulation>, RefineError> {
+) -> Result<Option<HoleFill>, RefineError> {
     let divided = divide::divide(filling, rim, sizes, progress)?;
-    if let Some(divided) = divided.as_ref().filter(|divided| !divided.is_straight) {
-        return Ok(Some(divided.triangulation.clone()));
-    }
-    let sharp = sharpen::sharpen(filling, plate, rim, sizes, progress)?;
-    Ok(sharp.or(divided.map(|divided| divided.triangulation)))
+    let sharp = match &divided {
+        Some(divided) if divided.is_clear => None,
+        _ => sharpen::sharpen(filling, plate, rim, sizes, progress)?,
+    };
+    let fill = |triangulation, is_relief| HoleFill {
+        triangulation,
+        fallback: None,
+        is_sharp: true,
+        is_relief,
+    };
+    let sharp = sharp.map(|triangulation| fill(triangulation, Vec::new()));
+    Ok(sharp.or(divided.map(|divided| fill(divided.triangulation, divided.is_relief))))
 }
 
 /// Moves the vertices of a fill to a membrane and adapts their density, first on a coarse level and then on the final one. The coarse shape
