@@ -46,6 +46,7 @@ mod orientations;
 mod patches;
 mod published;
 mod relief;
+mod rotations;
 mod roughness;
 mod search;
 mod smoothness;
@@ -57,6 +58,7 @@ mod surroundings;
 mod tests;
 mod tints;
 mod votes;
+mod wavelength;
 
 pub(super) use complete::complete;
 pub(super) use completion::{CompletionInput, Copies};

@@ -226,10 +226,8 @@ pub fn fill_holes(
         if options.max_iterations() > 0 {
             let mut start = filling.points[filling.n_data_vertices..].to_vec();
             let colors = options.counts_colors().then(|| colors(&mesh, &filling, options.texture));
-            let sharp = holes.iter().zip(&fills).flat_map(|(hole, fill)| {
-                let count = fill.triangulation.compact().1.len() - hole.len();
-                std::iter::repeat_n(fill.is_sharp, count)
-            });
+            let sharp =
+                holes.iter().zip(&fills).flat_map(|(hole, fill)| fill.sharp_vertices(hole.len()));
             let given = CompletionInput {
                 allowed,
                 colors: colors.flatten(),

@@ -20,7 +20,7 @@ pub enum FillMethod {
     /// Flat triangles between rim vertices.
     Flat,
     /// Like `ThinPlate`, but smooth segments of the data that meet in creases at the rim are extended until they meet, so that the creases
-    /// stay sharp.
+    /// stay sharp. Creases along circles and splines are continued as curves, also over long gaps.
     CreaseAware,
 }
 

@@ -14,11 +14,13 @@ use super::shapes::{grid, random, remove_vertices, sphere, triangle_mesh};
 
 mod cracks;
 mod creases;
+mod curved_creases;
 mod intersections;
 mod odd_holes;
 mod pictures;
 mod published;
 mod smooth_cuts;
+mod relief;
 
 const PLAIN: [FillMethod; 4] =
     [FillMethod::Flat, FillMethod::Membrane, FillMethod::ThinPlate, FillMethod::CreaseAware];

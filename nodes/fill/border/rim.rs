@@ -71,7 +71,7 @@ pub(crate) struct Rim {
     pub(crate) triangles: Vec<[u32; 3]>,
     /// For each rim vertex, the indices of the rim vertices to which the mesh already has an edge, or may get one when another hole is
     /// filled. The two neighbors along the rim are not listed.
-    connected: Vec<Vec<u32>>,
+    pub(crate) connected: Vec<Vec<u32>>,
 }
 
 impl Rim {

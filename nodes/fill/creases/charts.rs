@@ -212,7 +212,7 @@ fn rim_band(filling: &Filling, rim: &Rim) -> Vec<[u32; 3]> {
 }
 
 /// Returns the pairs of faces that share an edge.
-fn adjacent_faces(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
+pub(super) fn adjacent_faces(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
     let mut edges: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * faces.len());
     for (index, face) in (0..).zip(faces) {
         for k in 0..3 {
@@ -235,7 +235,7 @@ const NORMAL_DIFFERENCE: f64 = 0.2;
 /// Removes noise from face normals but keeps creases: each normal becomes the weighted mean of similar normals of adjacent faces.
 ///
 /// Jones, Durand and Desbrun, "Non-iterative, feature-preserving mesh smoothing" (2003), applied to normals only.
-fn smooth_normals(areas: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> Vec<Vector3<f64>> {
+pub(super) fn smooth_normals(areas: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> Vec<Vector3<f64>> {
     fn unit(area: &Vector3<f64>) -> Vector3<f64> {
         area.try_normalize(0.0).unwrap_or_default()
     }

@@ -10,8 +10,10 @@ use super::completion::{
 use super::hole::Hole;
 use super::options::{ExemplarOptions, Start};
 use super::orientations::Orientations;
+use super::rotations::suitable_rotations;
 use super::surface::Surface;
 use super::tints::Color;
+use super::wavelength::wavelength;
 use super::{cells, gate};
 use crate::triangles::filling::Filling;
 
@@ -31,7 +33,8 @@ pub(crate) fn complete(
     let surface = Surface::new(count, faces);
     let mut completed = CompletionResult::new(count - data);
     let Some(hole) = Hole::new(&surface, points, data) else { return Ok(completed) };
-    let mut radii = hole.radii(options, &points[..data]);
+    let wavelength = wavelength(&surface, points, data, &hole);
+    let mut radii = hole.radii(options, wavelength, &points[..data]);
     let still = ExemplarOptions { iterations: Some(0), ..options.clone() };
     let mut completion = Completion {
         surface: &surface,
@@ -41,7 +44,7 @@ pub(crate) fn complete(
         allowed: given.allowed.as_deref(),
         colors: lengths(given, options.color * hole.edge),
         distances: distances_to_missing(&surface, points, data, (2.5 * radii[0]).max(hole.width)),
-        orientations: Orientations::new(options.rotations, options.mirror),
+        orientations: Orientations::new(options.rotations.unwrap_or(1), options.mirror),
         areas: vertex_areas(&surface, points, data, *kept, options.update),
         smooth_holes: vec![false; hole.count()],
         hole,
@@ -61,7 +64,7 @@ pub(crate) fn complete(
         }
         completion.options = &still;
     }
-    let (mut level, mut done) = (0, 0);
+    let (mut level, mut done, mut is_rotation_known) = (0, 0, false);
     while level < radii.len() {
         let levels = radii.len() as f64;
         let own = level as f64 / levels..(level + 1) as f64 / levels;
@@ -78,6 +81,11 @@ pub(crate) fn complete(
                 level += 1;
             }
             continue;
+        }
+        if options.rotations.is_none() && !is_rotation_known {
+            let rotations = suitable_rotations(&exemplars, size.radius);
+            completion.orientations = Orientations::new(rotations, options.mirror);
+            is_rotation_known = true;
         }
         let last = level + 1 == radii.len();
         let outcome = progress

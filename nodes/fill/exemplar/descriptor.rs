@@ -7,7 +7,7 @@ use super::frame::Orientation;
 use super::heights::height_at;
 
 /// The number of angles at which heights are sampled on each ring (circle around the center of a patch).
-const ANGLES: usize = 16;
+pub(super) const ANGLES: usize = 16;
 
 /// The number of rings (circles around the center of a patch); the outermost has the patch's radius.
 const RINGS: usize = 5;

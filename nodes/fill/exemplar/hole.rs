@@ -57,15 +57,29 @@ impl Hole {
         SAMPLES * self.edge
     }
 
-    /// Returns the patch radii of all levels, from a radius that spans the hole down to the minimum.
-    pub(super) fn radii(&self, options: &ExemplarOptions, data: &[Point3<f64>]) -> Vec<f64> {
+    /// Returns the patch radii of all levels, from a radius that spans the hole down to the minimum. If the data are a relief with a known
+    /// wavelength, the largest radius is [`WAVELENGTHS`] of it instead: a patch must hold the largest regular feature (Efros and Leung,
+    /// "Texture synthesis by non-parametric sampling", 1999), and a patch with several features has few similar ones.
+    pub(super) fn radii(
+        &self,
+        options: &ExemplarOptions,
+        wavelength: Option<f64>,
+        data: &[Point3<f64>],
+    ) -> Vec<f64> {
         fn corner(pick: fn(f64, f64) -> f64, data: &[Point3<f64>]) -> nalgebra::Vector3<f64> {
             let start = data[0].coords;
             data.iter().fold(start, |corner, point| corner.zip_map(&point.coords, pick))
         }
         let diagonal = (corner(f64::max, data) - corner(f64::min, data)).norm();
-        let largest = (1.5 * self.width).min(0.25 * diagonal);
-        let levels = (options.levels.clamp(1, 8) as usize).max(options.radii.len());
+        let mut largest = 1.5 * self.width;
+        let mut levels = options.levels.clamp(1, 8) as usize;
+        if let Some(wavelength) = wavelength.filter(|&wavelength| wavelength < 2.0 * self.width) {
+            largest = WAVELENGTHS * wavelength;
+            let steps = libm::log(largest / self.smallest_radius()) / libm::log(MAX_RADIUS_RATIO);
+            levels = levels.max((steps.ceil() as usize + 1).min(MAX_LEVELS));
+        }
+        let largest = largest.min(0.25 * diagonal);
+        let levels = levels.max(options.radii.len());
         let mut radii = self.spaced_radii(largest, levels);
         radii.resize(radii.len().max(options.radii.len()), self.smallest_radius());
         for (radius, &given) in radii.iter_mut().zip(&options.radii) {
@@ -88,6 +102,13 @@ impl Hole {
         (0..levels).map(|k| largest * libm::pow(smallest / largest, fraction(k, levels))).collect()
     }
 }
+
+/// The largest radius of a patch of a relief, in wavelengths.
+const WAVELENGTHS: f64 = 1.25;
+
+/// Maximum ratio of the radii of consecutive levels on a relief, and maximum number of levels that are used for it.
+const MAX_RADIUS_RATIO: f64 = 1.8;
+const MAX_LEVELS: usize = 5;
 
 /// The number of samples along the radius of a patch.
 pub(super) const SAMPLES: f64 = 3.5;

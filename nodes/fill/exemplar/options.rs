@@ -16,7 +16,8 @@ pub struct ExemplarOptions {
     /// Rule by which patches move the vertices they contain.
     #[serde(default)]
     pub update: Update,
-    /// Patch radius on each level. If 0 or omitted, it is chosen from the hole's width and the data's edge length.
+    /// Patch radius on each level. If 0 or omitted, it is chosen from the hole's width and the data's edge length. If the data around the
+    /// hole are a relief that repeats regularly, the largest radius is 1.25 times its wavelength, and there are as many levels as needed.
     #[schemars(inner(range(min = 0.0)), extend("unit" = "mm"))]
     #[serde(default)]
     pub radii: Vec<f64>,
@@ -33,10 +34,11 @@ pub struct ExemplarOptions {
     #[schemars(extend("direction" = true))]
     #[serde(default = "default_up")]
     pub up: [f64; 3],
-    /// Number of rotations about its normal in which an exemplar is tried; 1 tries it upright only.
+    /// Number of rotations about its normal in which an exemplar is tried; 1 tries it upright only. If omitted, 12 if the data have no
+    /// upward direction and rotated exemplars are clearly more similar, otherwise 1; with `update: Published`, 1.
     #[schemars(range(min = 1, max = 32))]
-    #[serde(default = "default_rotations")]
-    pub rotations: u32,
+    #[serde(default)]
+    pub rotations: Option<u32>,
     /// Tries each exemplar also mirrored, left to right if it is upright. Mirroring restores a part of a symmetric object from the other
     /// side: let `exemplars` mark that side and use `start: Flat`, because thin plates are trusted too much if a whole part is missing.
     #[serde(default)]
@@ -103,10 +105,6 @@ fn default_color() -> f64 {
     3.0
 }
 
-fn default_rotations() -> u32 {
-    1
-}
-
 fn default_levels() -> u32 {
     3
 }
@@ -125,7 +123,7 @@ impl Default for ExemplarOptions {
             edges: Vec::new(),
             falloff: None,
             up: default_up(),
-            rotations: default_rotations(),
+            rotations: None,
             mirror: false,
             exemplars: String::new(),
             color: default_color(),
@@ -139,8 +137,8 @@ impl Default for ExemplarOptions {
 /// Initial shape of a completion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Start {
-    /// Thin plate that continues the data smoothly. Creases of the data that end at the rim are extended until they meet and stay sharp,
-    /// unless `update` is `Published`.
+    /// Thin plate that continues the data smoothly. Creases of the data that end at the rim, also curved ones, are extended until they meet
+    /// and stay sharp, unless `update` is `Published`.
     #[default]
     ThinPlate,
     /// Cone to the rim's centroid, as published.

@@ -40,7 +40,7 @@ pub(crate) fn complete_as_published(
     let mut completed = CompletionResult::new(count);
     let start = Surface::new(filling.points.len(), &filling.faces);
     let Some(hole) = Hole::new(&start, &filling.points, data) else { return Ok(completed) };
-    let mut radii = hole.radii(options, &filling.points[..data]);
+    let mut radii = hole.radii(options, None, &filling.points[..data]);
     let edge = hole.edge;
     let exact = ExemplarOptions { update: Update::Exact, ..options.clone() };
     let (mut level, mut done, mut has_converged) = (0, 0, true);
@@ -68,7 +68,7 @@ pub(crate) fn complete_as_published(
                 data,
                 (2.5 * radii[0]).max(hole.width),
             ),
-            orientations: Orientations::new(options.rotations, options.mirror),
+            orientations: Orientations::new(options.rotations.unwrap_or(1), options.mirror),
             areas: vertex_areas(&surface, points, data, kept, options.update),
             smooth_holes: vec![false; hole.count()],
             hole,

@@ -12,6 +12,7 @@ use super::surface::{NONE, Surface};
 use super::*;
 use crate::triangles::filling::Filling;
 
+mod relief;
 mod shapes;
 
 use shapes::{grid, plate, ridge, sphere};
@@ -178,7 +179,7 @@ fn found_and_best(filling: &mut Filling, options: &ExemplarOptions) -> [f64; 2] 
         allowed: None,
         colors: Vec::new(),
         distances: distances_to_missing(&surface, points, *data, 10.0),
-        orientations: Orientations::new(options.rotations, options.mirror),
+        orientations: Orientations::new(options.rotations.unwrap_or(1), options.mirror),
         areas: (0..points.len() as u32).map(|vertex| surface.area(points, vertex)).collect(),
         smooth_holes: vec![false; hole.count()],
         hole,
@@ -237,8 +238,12 @@ fn found_and_best(filling: &mut Filling, options: &ExemplarOptions) -> [f64; 2] 
 
 #[test]
 fn the_fast_search_finds_nearly_the_best() {
-    let options =
-        ExemplarOptions { iterations: Some(0), rotations: 2, mirror: true, ..Default::default() };
+    let options = ExemplarOptions {
+        iterations: Some(0),
+        rotations: Some(2),
+        mirror: true,
+        ..Default::default()
+    };
     let [fast, best] = found_and_best(&mut bumps(), &options);
     assert!(fast <= 1.05 * best, "{fast} {best}");
 }

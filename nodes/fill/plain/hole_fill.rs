@@ -20,4 +20,16 @@ pub(crate) struct HoleFill {
     pub(crate) fallback: Option<Fallback>,
     /// True if creases of the surrounding surface are extended across the fill.
     pub(crate) is_sharp: bool,
+    /// For each vertex of the triangulation, true if it is beside a crease on a relief, whose shapes may be copied to it. Empty if no vertex
+    /// is.
+    pub(crate) is_relief: Vec<bool>,
+}
+
+impl HoleFill {
+    /// Returns, for each vertex that the fill adds, whether it must stay on the surface that creases are extended on.
+    pub(crate) fn sharp_vertices(&self, rim: usize) -> Vec<bool> {
+        let (_, kept) = self.triangulation.compact();
+        let is_relief = |&vertex: &u32| self.is_relief.get(vertex as usize) == Some(&true);
+        kept[rim..].iter().map(|vertex| self.is_sharp && !is_relief(vertex)).collect()
+    }
 }

@@ -8,7 +8,7 @@ use super::hole_fill::{Fallback, HoleFill};
 use super::options::{PlainMethod, PlainOptions};
 use super::sizes::Sizes;
 use crate::border::rim::Rim;
-use crate::creases::sharpen;
+use crate::creases::{divide, sharpen};
 use crate::triangles::density::{RefineError, refine};
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulate::triangulate;
@@ -69,20 +69,43 @@ pub(crate) fn fill_hole(
     }
     let is_asked = method == PlainMethod::CreaseAware;
     if is_asked || method == PlainMethod::PlateOrCreases && are_creases_certain(&fallback, rim) {
-        match sharpen::sharpen(filling, &triangulation, rim, &sizes, progress)? {
-            Some(sharp) => {
-                return Ok(HoleFill { triangulation: sharp, fallback: None, is_sharp: true });
-            }
+        match extend_creases(filling, &triangulation, rim, &sizes, progress)? {
+            Some(fill) => return Ok(fill),
             None if is_asked => fallback = fallback.or(Some(Fallback::NoCreases)),
             None => {}
         }
     }
-    Ok(HoleFill { triangulation, fallback, is_sharp: false })
+    Ok(HoleFill { triangulation, fallback, is_sharp: false, is_relief: Vec::new() })
+}
+
+/// Returns a fill across which the creases of the data are extended; `None` if there are no creases that meet or can be joined. Curved
+/// creases are joined by curves. Straight ones are extended as surfaces, which also meet in corners; if the surfaces are not smooth enough
+/// for that, as that of a relief, straight creases are joined by lines.
+fn extend_creases(
+    filling: &Filling,
+    plate: &Triangulation,
+    rim: &Rim,
+    sizes: &Sizes,
+    progress: &Progress<'_>,
+) -> Result<Option<HoleFill>, RefineError> {
+    let divided = divide::divide(filling, rim, sizes, progress)?;
+    let sharp = match &divided {
+        Some(divided) if divided.is_clear => None,
+        _ => sharpen::sharpen(filling, plate, rim, sizes, progress)?,
+    };
+    let fill = |triangulation, is_relief| HoleFill {
+        triangulation,
+        fallback: None,
+        is_sharp: true,
+        is_relief,
+    };
+    let sharp = sharp.map(|triangulation| fill(triangulation, Vec::new()));
+    Ok(sharp.or(divided.map(|divided| fill(divided.triangulation, divided.is_relief))))
 }
 
 /// Moves the vertices of a fill to a membrane and adapts their density, first on a coarse level and then on the final one. The coarse shape
 /// determines the distances between the vertices of the final one.
-fn membrane(
+pub(crate) fn membrane(
     triangulation: &mut Triangulation,
     rim: &Rim,
     sizes: &Sizes,
@@ -101,7 +124,7 @@ fn membrane(
 /// Therefore the rest shape is the mean of two extremes, both computed on the coarse level: a membrane, which does not bulge, and a plate
 /// whose rest shape is the plate itself, which bulges most. On round surfaces, a plate with the membrane as rest shape is up to twice as
 /// far from the true surface; on others, a plate with the second rest shape is. The fine plate is computed once, with the mean of both.
-fn plate(
+pub(crate) fn plate(
     triangulation: &mut Triangulation,
     rim: &Rim,
     sizes: &Sizes,
@@ -152,7 +175,7 @@ pub(crate) fn fair_as_plate(
     Ok(())
 }
 
-fn goes_too_far(triangulation: &Triangulation, rim: &Rim) -> bool {
+pub(crate) fn goes_too_far(triangulation: &Triangulation, rim: &Rim) -> bool {
     let centroid = centroid(rim);
     fn farthest(points: &[Point3<f64>], centroid: Point3<f64>) -> f64 {
         points.iter().map(|point| (point - centroid).norm()).fold(0.0, f64::max)
@@ -166,7 +189,7 @@ fn centroid(rim: &Rim) -> Point3<f64> {
 }
 
 /// Returns the minimum-weight triangulation of the rim, or a fan if every triangulation has an edge that the mesh already has.
-fn min_weight_or_fan(rim: &Rim) -> Triangulation {
+pub(crate) fn min_weight_or_fan(rim: &Rim) -> Triangulation {
     let faces = triangulate(&rim.points, &rim.normals, &|a, b| rim.is_taken(a, b));
     faces.map_or_else(
         || fan(rim, false),

@@ -71,7 +71,7 @@ fn the_corner_of_a_cube_is_sharp_again() {
 }
 
 /// Returns the mesh with its vertices moved along their normals by Gaussian noise with the standard deviation `deviation`.
-fn noisy(mesh: &Mesh, deviation: f64, seed: u64) -> Mesh {
+pub(super) fn noisy(mesh: &Mesh, deviation: f64, seed: u64) -> Mesh {
     fn gauss(k: u64, seed: u64) -> f64 {
         (0..12).map(|i| random(seed << 32 ^ (12 * k + i))).sum::<f64>() - 6.0
     }
