@@ -155,6 +155,8 @@ impl Corner {
         let (sine, cosine) = (u.cross(&v).norm(), u.dot(&v));
         let cotangent = if sine > 0.0 { cosine / sine } else { 0.0 };
         let is_defined = sine > 0.0 || cosine != 0.0;
-        Self { angle: libm::atan2(sine, cosine), is_defined, cotangent }
+        // The cosine of an undefined angle may be a negative zero.
+        let angle = if is_defined { libm::atan2(sine, cosine) } else { 0.0 };
+        Self { angle, is_defined, cotangent }
     }
 }
