@@ -2,6 +2,9 @@
 
 use maquette_node::{Pack, node};
 
+#[cfg(test)]
+#[path = "../base/topology/flat_faces/insert.rs"]
+mod flat_faces;
 mod flying_pixels;
 mod remesh;
 mod remove_outliers;

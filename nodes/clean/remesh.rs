@@ -12,8 +12,11 @@ use original::Original;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+mod curves;
 mod net;
 mod original;
+mod sheet;
+mod walls;
 
 /// Replaces the triangles of a surface by new ones with edges of nearly one length.
 ///
@@ -137,6 +140,9 @@ pub fn remesh(
         flip(&mut net, progress)?;
         progress.tick(share(0.5, round, rounds))?;
         relax(&mut net, &original, progress)?;
+    }
+    if rounds > 0 {
+        walls::refine(&mut net, &original, progress)?;
     }
     Ok(original.into_mesh(&net)?)
 }
@@ -312,26 +318,30 @@ fn relax(
             (at + (way - normal * normal.dot(&way)), normal)
         })
         .unzip();
-    let curve_targets: Vec<_> = curved
-        .iter()
-        .map(|&vertex| match still.along_curve(vertex) {
-            Some([a, b]) => nalgebra::center(&still.place(a), &still.place(b)),
-            None => still.place(vertex),
-        })
-        .collect();
+    let starts: Vec<_> = smooth.iter().map(|&vertex| still.near[vertex as usize]).collect();
     progress.check()?;
-    let found = original.on_surface(&targets);
+    let found = original.sheet.land(&targets, &starts);
     progress.check()?;
-    for (&vertex, place) in curved.iter().zip(original.on_curves(&curve_targets)) {
-        if let Some(place) = place {
-            net.shift(vertex, place);
+    let on_curves: Vec<_> = curved.iter().map(|&vertex| still.on_curve(vertex)).collect();
+    for (&vertex, on_curve) in curved.iter().zip(on_curves) {
+        if let Some((curve, position, [to_first, to_second])) = on_curve {
+            // The middle between the neighbors, or at least the curve.
+            for shift in [(to_first + to_second) / 2.0, 0.0] {
+                let (place, triangle) = original.curves.point(curve, position + shift);
+                if net.shift(vertex, place) {
+                    net.slide(vertex, shift);
+                    net.near[vertex as usize] = triangle;
+                    break;
+                }
+            }
         }
     }
-    for ((&vertex, place), normal) in smooth.iter().zip(found).zip(normals) {
+    for ((&vertex, landing), normal) in smooth.iter().zip(found).zip(normals) {
         // Do not move a vertex to a nearest point on the opposite side of a thin part, where the normal is reversed.
-        match place {
-            Some((place, of_place)) if of_place.dot(&normal) >= 0.0 => net.shift(vertex, place),
-            _ => {}
+        if let Some(landing) = landing.filter(|landing| landing.normal.dot(&normal) >= 0.0)
+            && net.shift(vertex, landing.place)
+        {
+            net.near[vertex as usize] = landing.triangle;
         }
     }
     Ok(())

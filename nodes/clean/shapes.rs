@@ -62,6 +62,12 @@ pub(crate) fn ball(n: u32) -> Mesh {
     Mesh::new(places, Faces::triangles(faces)).unwrap()
 }
 
+/// Returns a mesh whose polygons are cut into triangles.
+pub(crate) fn cut(mesh: &Mesh) -> Mesh {
+    let triangles = Faces::triangles(mesh.triangles().into_owned());
+    Mesh::new(mesh.positions().to_vec(), triangles).unwrap()
+}
+
 /// Returns the area of a mesh in mm^2.
 pub(crate) fn area(mesh: &Mesh) -> f64 {
     mesh.faces().iter().map(|face| mesh.area_vector(face).norm()).sum()

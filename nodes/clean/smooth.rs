@@ -1,9 +1,12 @@
 //! Removes small detail from a surface.
 
+use std::borrow::Cow;
+
 use filter::Filter;
+use maquette_base::topology::flat_faces::FlatFaces;
 use maquette_node::{Carry, Context, Error, Estimate, In, Node, Progress, Promise, Transfer, bail};
 use maquette_value::Mesh;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -134,35 +137,61 @@ pub fn smooth(
     let mut on_curves = vec![0u32; mesh.positions().len()];
     curves.as_flattened().iter().for_each(|&vertex| on_curves[vertex as usize] += 1);
 
-    let mut places = mesh.positions().to_vec();
+    let triangles = fans(mesh);
+    // A vertex of a curve may only depend on vertices of curves, and only if it is free to move along its curve.
+    let flat =
+        FlatFaces::new(points, &triangles, |vertex, others| match on_curves[vertex as usize] {
+            0 => true,
+            2 => others.iter().all(|&other| on_curves[other as usize] > 0),
+            _ => false,
+        });
+    let mut places = points.to_vec();
     if !keep_borders {
         let mut along = Filter::new(places.len());
         for &ends in &curves {
             let span = edge_length(ends, points);
             if span > 0.0 {
-                along.add_edge(ends, 1.0 / span);
+                flat.for_each_edge(ends, 1.0 / span, |ends, weight| along.add_edge(ends, weight));
                 ends.iter().for_each(|&end| along.add_mass(end, span / 2.0));
             }
         }
+        along.gather_masses(&flat);
         let is_free: Vec<_> = on_curves.iter().map(|&count| count == 2).collect();
         progress.part(0.0..0.2, |progress| along.apply(&mut places, &is_free, length, progress))?;
     }
     let mut surface = Filter::new(places.len());
-    for face in mesh.faces().iter() {
-        for k in 1..face.len() - 1 {
-            add_triangle(&mut surface, [face[0], face[k], face[k + 1]], points);
+    for (index, &triangle) in triangles.iter().enumerate() {
+        if !flat.is_flat(index) {
+            add_triangle(&mut surface, &flat, triangle, points);
         }
     }
+    surface.gather_masses(&flat);
     let is_free: Vec<_> = on_curves.iter().map(|&count| count == 0).collect();
     progress.part(0.2..1.0, |progress| surface.apply(&mut places, &is_free, length, progress))?;
+    for (vertex, supports) in flat.dependent() {
+        let moves = supports.iter().map(|&(support, weight)| {
+            (places[support as usize] - points[support as usize]) * weight
+        });
+        places[vertex as usize] = points[vertex as usize] + moves.sum::<Vector3<f64>>();
+    }
     Ok(mesh.with_positions(places)?)
+}
+
+/// Returns the triangles of all faces, those of a polygon as a fan around its first corner.
+fn fans(mesh: &Mesh) -> Cow<'_, [[u32; 3]]> {
+    if let Some(triangles) = mesh.faces().as_triangles() {
+        return Cow::Borrowed(triangles);
+    }
+    let fans = mesh.faces().iter();
+    let fans = fans.flat_map(|face| (1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
+    Cow::Owned(fans.collect())
 }
 
 /// Limit to which the cotangents of triangle angles are clamped; larger cotangents occur only in needles (very thin triangles), where they
 /// are meaningless.
 const MAX_COTANGENT: f64 = 1e3;
 
-fn add_triangle(filter: &mut Filter, corners: [u32; 3], points: &[Point3<f64>]) {
+fn add_triangle(filter: &mut Filter, flat: &FlatFaces, corners: [u32; 3], points: &[Point3<f64>]) {
     let places = corners.map(|vertex| points[vertex as usize]);
     let double_area = (places[1] - places[0]).cross(&(places[2] - places[0])).norm();
     for k in 0..3 {
@@ -171,7 +200,9 @@ fn add_triangle(filter: &mut Filter, corners: [u32; 3], points: &[Point3<f64>]) 
         let cotangent = to_b.dot(&to_c) / double_area;
         if !cotangent.is_nan() {
             let cotangent = cotangent.clamp(-MAX_COTANGENT, MAX_COTANGENT);
-            filter.add_edge([corners[b], corners[c]], cotangent / 2.0);
+            flat.for_each_edge([corners[b], corners[c]], cotangent / 2.0, |ends, weight| {
+                filter.add_edge(ends, weight);
+            });
         }
         filter.add_mass(corners[k], double_area / 6.0);
     }

@@ -1,5 +1,6 @@
 //! Curvature of a surface at each vertex.
 
+use maquette_base::topology::flat_faces::FlatFaces;
 use maquette_node::{Carry, Context, Error, FieldError, In, Node, Progress, Promise, Transfer};
 use maquette_value::Mesh;
 use schemars::JsonSchema;
@@ -57,7 +58,7 @@ pub enum CurvatureMethod {
     /// The curvature of the subdivision surface: exact where it is regular.
     #[default]
     Limit,
-    /// From the angles of the mesh's faces; the directions by `Fit`.
+    /// From the angles of the mesh's faces. The directions, and the curvature at borders, are those of `Fit`.
     Mesh,
     /// The curvature of a quadratic surface that is fitted to the neighboring vertices.
     Fit,
@@ -112,17 +113,39 @@ pub fn curvature(
     if method == CurvatureMethod::Limit {
         return at_limit::at_limit(mesh, scheme, boundary, progress);
     }
-    let vertices: Vec<_> = (0..mesh.positions().len() as u32).collect();
-    let mut bending = discrete::fit_quadrics(mesh, &vertices, progress)?;
+    let count = mesh.positions().len();
+    let triangles = discrete::triangulate_polygons(mesh)?;
+    // The centers of polygons are no vertices of the mesh.
+    let is_vertex = |vertex: &u32| (*vertex as usize) < count;
+    let flat = FlatFaces::new(triangles.positions(), &triangles.triangles(), |vertex, others| {
+        is_vertex(&vertex) && others.iter().all(is_vertex)
+    });
+    let mut bending = discrete::fit_quadrics(mesh, &flat, progress)?;
     if method == CurvatureMethod::Mesh {
-        let angles = angle_bending(&discrete::triangulate_polygons(mesh)?);
-        for (bending, angles) in bending.iter_mut().zip(angles) {
+        let is_at_border = border_vertices(mesh);
+        let angles = angle_bending::bend_independent(&triangles, &flat);
+        for ((bending, angles), is_at_border) in bending.iter_mut().zip(angles).zip(is_at_border) {
+            let fit = bending.filter(|_| angles.area > 0.0);
             *bending =
-                bending.filter(|_| angles.area > 0.0).map(|fit| fit.replace_curvatures(angles));
+                if is_at_border { fit } else { fit.map(|fit| fit.replace_curvatures(angles)) };
         }
     }
-    let extraordinary = vec![false; vertices.len()];
-    Ok(BentMesh { mesh: mesh.clone(), bending, extraordinary })
+    for (vertex, supports) in flat.dependent() {
+        let parts =
+            supports.iter().map(|&(support, weight)| Some((bending[support as usize]?, weight)));
+        let parts: Option<Vec<_>> = parts.collect();
+        bending[vertex as usize] = parts.and_then(|parts| Bending::mean(&parts));
+    }
+    Ok(BentMesh { mesh: mesh.clone(), bending, extraordinary: vec![false; count] })
+}
+
+/// Returns for each vertex of a mesh whether it is at a border.
+fn border_vertices(mesh: &Mesh) -> Vec<bool> {
+    let edges = mesh.edges();
+    let mut is_at_border = vec![false; mesh.positions().len()];
+    let borders = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
+    borders.flat_map(|(ends, _)| ends).for_each(|&end| is_at_border[end as usize] = true);
+    is_at_border
 }
 
 #[cfg(test)]

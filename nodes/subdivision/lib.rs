@@ -9,6 +9,9 @@ mod creases;
 mod curvature;
 mod curve_basis;
 mod fit_subdivision;
+#[cfg(test)]
+#[path = "../base/topology/flat_faces/insert.rs"]
+mod flat_faces;
 mod interpolate;
 mod interpolate_curve;
 mod interpolate_surface;

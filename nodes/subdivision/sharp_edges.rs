@@ -1,14 +1,14 @@
 //! Detection of sharp edges.
 
+use maquette_base::topology::flat_faces::unit_normals;
 use maquette_value::Mesh;
 use nalgebra::Vector3;
 
 /// Marks as creases those edges of `mesh` whose two faces have normals that differ by more than `angle` degrees. Edges without exactly two
-/// faces, and edges of a face without area, are left unchanged.
+/// faces are left unchanged. Faces without area have the normals of their neighbors, as [`unit_normals`] finds them.
 pub fn crease(mesh: &Mesh, angle: f64, sharpness: f64) -> Mesh {
     let edges = mesh.edges();
-    let normals: Vec<Vector3<f64>> =
-        mesh.faces().iter().map(|face| mesh.area_vector(face)).collect();
+    let normals = unit_normals(mesh, &edges);
     let mut sums = vec![[Vector3::zeros(); 2]; edges.vertices.len()];
     let mut seen = vec![0u8; edges.vertices.len()];
     for (face, normal) in normals.iter().enumerate() {
@@ -24,11 +24,6 @@ pub fn crease(mesh: &Mesh, angle: f64, sharpness: f64) -> Mesh {
     let bent = (0..sums.len())
         .filter(|edge| {
             let [a, b] = sums[*edge];
-            // Normalize first: the cross product of the two unnormalized normals would overflow for huge faces and underflow for tiny ones.
-            fn unit(v: Vector3<f64>) -> Vector3<f64> {
-                v.try_normalize(0.0).unwrap_or_default()
-            }
-            let (a, b) = (unit(a), unit(b));
             edges.faces[*edge] == 2 && libm::atan2(a.cross(&b).norm(), a.dot(&b)) > limit
         })
         .map(|edge| (edges.vertices[edge], sharpness));

@@ -96,12 +96,24 @@ struct Bend {
 /// Returns the bend at an edge, or `None` if one of the two faces has no area and therefore no normal.
 fn bend_at(mesh: &Mesh, edge: [u32; 2], faces: [usize; 2]) -> Option<Bend> {
     let [m, n] = faces.map(|face| mesh.area_vector(mesh.faces().face(face)));
-    if m.norm() == 0.0 || n.norm() == 0.0 {
+    if faces.iter().zip([m, n]).any(|(&face, area)| area.norm() <= area_rounding(mesh, face)) {
         return None;
     }
     let angle = libm::atan2(m.cross(&n).norm(), m.dot(&n)).to_degrees();
     let [p, q] = edge.map(|vertex| mesh.positions()[vertex as usize]);
     Some(Bend { edge, angle, at: nalgebra::center(&p, &q) })
+}
+
+/// Returns the area that a face whose vertices are on a line may have because its coordinates are rounded.
+fn area_rounding(mesh: &Mesh, face: usize) -> f64 {
+    let corners = mesh.faces().face(face).iter().map(|&vertex| mesh.positions()[vertex as usize]);
+    let (mut largest, mut extent) = (0.0, 0.0);
+    let first = mesh.positions()[mesh.faces().face(face)[0] as usize];
+    for corner in corners {
+        largest = f64::max(largest, corner.coords.amax());
+        extent = f64::max(extent, (corner - first).norm());
+    }
+    8.0 * f64::EPSILON * largest * extent
 }
 
 fn bends_above(found: Vec<Bend>, max: f64, what: &str) -> Defect {

@@ -4,6 +4,8 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::curves::Feature;
+
 /// Index of a half-edge that does not exist, because no triangle is adjacent or the triangle is deleted.
 pub(super) const NONE: u32 = u32::MAX;
 
@@ -44,9 +46,10 @@ pub(super) struct Net {
     /// The start vertex of each half-edge; `NONE` if the half-edge's triangle is deleted.
     pub(super) from: Vec<u32>,
     pub(super) twins: Vec<u32>,
-    /// For each half-edge, the sharpness of the crease that contains it, 0 for other features; `None` for an edge that is not a feature.
-    /// Twins have equal entries.
-    pub(super) features: Vec<Option<f64>>,
+    /// For each half-edge, the feature that contains it; `None` for an edge that is not a feature. Those of twins are each other's reverse.
+    pub(super) features: Vec<Option<Feature>>,
+    /// For each vertex, a triangle of the original surface near it. Nearest points are searched from there.
+    pub(super) near: Vec<u32>,
     /// A half-edge that leaves each vertex; `NONE` if the vertex is deleted.
     pub(super) leaving: Vec<u32>,
     /// The deleted triangles and vertices, whose indices are reused.
@@ -59,9 +62,11 @@ impl Net {
         let from = triangles.as_flattened().to_vec();
         let mut leaving = vec![NONE; places.len()];
         (0..).zip(&from).for_each(|(h, &vertex)| leaving[vertex as usize] = h);
+        let near = leaving.iter().map(|&h| if h == NONE { 0 } else { h / 3 }).collect();
         Self {
             kinds: vec![Kind::Smooth; places.len()],
             features: vec![None; from.len()],
+            near,
             places,
             from,
             twins,
@@ -102,8 +107,7 @@ impl Net {
 
     /// Marks an edge as a feature with the given crease sharpness.
     pub(super) fn set_feature(&mut self, h: u32, sharpness: f64) {
-        self.mark(h, Some(sharpness));
-        self.mark(self.twin(h), Some(sharpness));
+        self.mark_both(h, Some(Feature::new(sharpness)));
     }
 
     /// Returns the squared length of a half-edge.
@@ -116,12 +120,6 @@ impl Net {
     pub(super) fn triangle(&self, triangle: u32) -> Option<[u32; 3]> {
         let first = 3 * triangle as usize;
         (self.from[first] != NONE).then(|| [0, 1, 2].map(|k| self.from[first + k]))
-    }
-
-    /// Returns twice the area of a half-edge's triangle, as a vector along the triangle's normal.
-    #[inline]
-    pub(super) fn area(&self, h: u32) -> Vector3<f64> {
-        area([h, next(h), previous(h)].map(|h| self.place(self.from(h))))
     }
 
     /// Returns one half-edge of each edge.
@@ -187,10 +185,16 @@ impl Net {
         }
     }
 
-    fn mark(&mut self, h: u32, feature: Option<f64>) {
+    fn mark(&mut self, h: u32, feature: Option<Feature>) {
         if h != NONE {
             self.features[h as usize] = feature;
         }
+    }
+
+    /// Sets the feature of a half-edge and of its twin.
+    pub(super) fn mark_both(&mut self, h: u32, feature: Option<Feature>) {
+        self.mark(h, feature);
+        self.mark(self.twin(h), feature.map(Feature::reversed));
     }
 
     fn new_triangle(&mut self, corners: [u32; 3]) -> u32 {
@@ -205,46 +209,49 @@ impl Net {
         first
     }
 
-    fn new_vertex(&mut self, place: Point3<f64>, kind: Kind, leaving: u32) -> u32 {
+    fn new_vertex(&mut self, place: Point3<f64>, kind: Kind, near: u32) -> u32 {
         let vertex = self.free_vertices.pop().unwrap_or_else(|| {
             self.places.push(place);
             self.kinds.push(kind);
-            self.leaving.push(leaving);
+            self.near.push(near);
+            self.leaving.push(NONE);
             self.places.len() as u32 - 1
         });
         self.places[vertex as usize] = place;
         self.kinds[vertex as usize] = kind;
-        self.leaving[vertex as usize] = leaving;
+        self.near[vertex as usize] = near;
         vertex
     }
 
-    /// Inserts a vertex at the middle of an edge.
-    pub(super) fn split(&mut self, h: u32) {
+    /// Inserts a vertex at the middle of an edge, and returns it.
+    pub(super) fn split(&mut self, h: u32) -> u32 {
         let (a, b, twin) = (self.from(h), self.end(h), self.twin(h));
-        let feature = self.features[h as usize];
-        let kind = if feature.is_some() { Kind::Curve } else { Kind::Smooth };
+        let kind = if self.is_feature(h) { Kind::Curve } else { Kind::Smooth };
         let middle = nalgebra::center(&self.place(a), &self.place(b));
-        let vertex = self.new_vertex(middle, kind, NONE);
-        let front = self.halve(h, vertex, feature);
+        let vertex = self.new_vertex(middle, kind, self.near[a as usize]);
+        let front = self.halve(h, vertex);
         self.leaving[vertex as usize] = front;
         if twin == NONE {
             self.join(front, NONE);
         } else {
-            let back = self.halve(twin, vertex, feature);
+            let back = self.halve(twin, vertex);
             self.join(h, back);
             self.join(twin, front);
         }
+        vertex
     }
 
     /// Splits the triangle of a half-edge in two at the vertex `middle`. Afterwards the half-edge ends at `middle`. Returns the new
     /// half-edge from `middle` to the old end; it has no twin.
-    fn halve(&mut self, h: u32, middle: u32, feature: Option<f64>) -> u32 {
+    fn halve(&mut self, h: u32, middle: u32) -> u32 {
         let (h1, b) = (next(h), self.end(h));
         let (outer, of_outer) = (self.twin(h1), self.features[h1 as usize]);
         let other = self.new_triangle([middle, b, self.end(h1)]);
         self.from[h1 as usize] = middle;
         self.twins[other as usize] = NONE;
-        self.mark(other, feature);
+        let halves = self.features[h as usize].map(Feature::halves);
+        self.mark(h, halves.map(|it| it[0]));
+        self.mark(other, halves.map(|it| it[1]));
         self.join(other + 1, outer);
         self.mark(other + 1, of_outer);
         self.join(other + 2, h1);
@@ -297,6 +304,13 @@ impl Net {
         if !fits(b, a) || (place != self.place(a) && !fits(a, b)) {
             return false;
         }
+        if self.kind(b) == Kind::Curve
+            && let Some(Feature { span: [start, end], .. }) = self.features[h as usize]
+        {
+            let moved = if self.kind(a) == Kind::Curve { (end - start) / 2.0 } else { 0.0 };
+            self.slide(b, start + moved - end);
+            self.slide(a, moved);
+        }
         let mut fan = Vec::with_capacity(8);
         self.visit(b, |spoke| fan.push(spoke));
         fan.iter().for_each(|&spoke| self.from[spoke as usize] = a);
@@ -330,9 +344,10 @@ impl Net {
         let (h1, h2) = (next(h), previous(h));
         let apex = self.from(h2);
         let (x, y) = (self.twin(h1), self.twin(h2));
-        let feature = self.features[h1 as usize].or(self.features[h2 as usize]);
+        let reversed = self.features[h2 as usize].map(Feature::reversed);
+        let feature = self.features[h1 as usize].or(reversed);
         self.join(x, y);
-        self.mark(x, feature);
+        self.mark(x, feature.map(Feature::reversed));
         self.mark(y, feature);
         let (of_vertex, of_apex) = if x == NONE { (y, next(y)) } else { (next(x), x) };
         self.leaving[vertex as usize] = of_vertex;
@@ -387,8 +402,8 @@ impl Net {
         }
     }
 
-    /// Moves a vertex to `place`, unless a triangle around the vertex would flip or become a needle.
-    pub(super) fn shift(&mut self, vertex: u32, place: Point3<f64>) {
+    /// Moves a vertex to `place`, unless a triangle around the vertex would flip or become a needle. Returns true if the vertex was moved.
+    pub(super) fn shift(&mut self, vertex: u32, place: Point3<f64>) -> bool {
         let old = self.place(vertex);
         let mut fits = true;
         self.visit(vertex, |h| {
@@ -398,6 +413,7 @@ impl Net {
         if fits {
             self.places[vertex as usize] = place;
         }
+        fits
     }
 }
 

@@ -1,15 +1,16 @@
-//! The original surface: its triangles with their neighbors, and searches for the positions of new vertices on it.
-
-use std::iter;
+//! The original surface: its triangles with their neighbors, and the curves and corners that are kept.
 
 use maquette_base::linear::attribute_transfer::AttributeTransfer;
 use maquette_base::linear::weighted_mean::WeightedMean;
+use maquette_base::topology::flat_faces::unit_normals;
 use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{Error, bail};
-use maquette_value::{Faces, Mesh, MeshError, NearestPoint, TriangleTree};
+use maquette_value::{Faces, Mesh, MeshError, NearestPoint};
 use nalgebra::{Point3, Vector3};
 
+use super::curves::Curves;
 use super::net::{Kind, NONE, Net, next, previous};
+use super::sheet::Sheet;
 
 /// Cosine of the angle, 45 degrees, by which a curve must turn between two points an edge length apart to have a corner.
 const CORNER_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
@@ -19,10 +20,9 @@ const MIN_CREASE: f64 = 2.0;
 
 /// The original surface, on which new vertices are placed.
 pub(super) struct Original<'a> {
-    mesh: &'a Mesh,
-    tree: TriangleTree,
-    /// The feature curves, stored as degenerate triangles with a search tree; `None` if the surface has no features.
-    curves: Option<(Mesh, TriangleTree)>,
+    pub mesh: &'a Mesh,
+    pub sheet: Sheet<'a>,
+    pub curves: Curves,
 }
 
 impl<'a> Original<'a> {
@@ -32,9 +32,6 @@ impl<'a> Original<'a> {
     /// # Errors
     /// Returns an error if an edge has more than two faces, or its faces are oriented inconsistently.
     pub(super) fn new(mesh: &'a Mesh, length: f64, angle: f64) -> Result<(Self, Net), Error> {
-        let parents = (0u32..).zip(mesh.faces().iter());
-        let parents = parents.flat_map(|(parent, face)| iter::repeat_n(parent, face.len() - 2));
-        let parents = Vec::from_iter(parents);
         let faces = Faces::triangles(mesh.triangles().into_owned());
         let edges = faces.edges();
         let crowded = edges.faces.iter().filter(|&&faces| 2 < faces).count();
@@ -56,57 +53,40 @@ impl<'a> Original<'a> {
             }
         }
         let triangles = faces.as_triangles().unwrap_or_default();
+        let sheet = Sheet::new(mesh, twins.clone());
         let mut net = Net::new(mesh.positions().to_vec(), triangles, twins);
-        find_features(mesh, &parents, length, angle, &mut net);
+        find_features(mesh, sheet.parents(), length, angle, &mut net);
         part_fans(&mut net);
         find_corners(&mut net, length);
-        let curves = curves(&net)?;
-        Ok((Self { mesh, tree: TriangleTree::new(mesh), curves }, net))
-    }
-
-    /// Returns, for each point, the nearest point of the surface, and the normal of the triangle that contains this nearest point. The
-    /// length of the normal is twice the triangle's area.
-    pub(super) fn on_surface(
-        &self,
-        points: &[Point3<f64>],
-    ) -> Vec<Option<(Point3<f64>, Vector3<f64>)>> {
-        let found = self.tree.nearest_to_all(points).into_iter();
-        found.map(|place| place.map(|place| interpolate(self.mesh, &place))).collect()
-    }
-
-    /// Returns, for each point, the nearest point of the feature curves; `None` if the surface has no features.
-    pub(super) fn on_curves(&self, points: &[Point3<f64>]) -> Vec<Option<Point3<f64>>> {
-        let Some((curves, tree)) = &self.curves else { return vec![None; points.len()] };
-        let found = tree.nearest_to_all(points).into_iter();
-        found.map(|place| place.map(|place| interpolate(curves, &place).0)).collect()
+        let curves = Curves::trace(&mut net);
+        Ok((Self { mesh, sheet, curves }, net))
     }
 
     /// Builds the mesh of the current triangles; vertices and faces get the attributes of the original surface at their positions.
     pub(super) fn into_mesh(self, net: &Net) -> Result<Mesh, MeshError> {
         let mesh = self.mesh;
         let mut names = vec![NONE; net.places.len()];
-        let mut places = Vec::new();
+        let (mut places, mut near) = (Vec::new(), Vec::new());
         for vertex in (0..net.places.len()).filter(|&vertex| net.leaving[vertex] != NONE) {
             names[vertex] = places.len() as u32;
             places.push(net.places[vertex]);
+            near.push(net.near[vertex]);
         }
         let triangles = (0..net.from.len() as u32 / 3).filter_map(|index| net.triangle(index));
+        let triangles = Vec::from_iter(triangles);
+        let starts: Vec<_> = triangles.iter().map(|it| net.near[it[0] as usize]).collect();
+        let middles: Vec<_> = triangles.iter().map(|&it| net.middle(it)).collect();
         let triangles: Vec<_> =
-            triangles.map(|it| it.map(|vertex| names[vertex as usize])).collect();
-        let middles: Vec<_> = triangles
-            .iter()
-            .map(|&[a, b, c]| {
-                let [a, b, c] = [a, b, c].map(|vertex| places[vertex as usize].coords);
-                Point3::from((a + b + c) / 3.0)
-            })
-            .collect();
+            triangles.iter().map(|it| it.map(|vertex| names[vertex as usize])).collect();
         let creases = net.edges().filter_map(|h| {
-            let sharpness = net.features[h as usize].filter(|sharpness| *sharpness > 0.0)?;
-            Some(([net.from(h), net.end(h)].map(|vertex| names[vertex as usize]), sharpness))
+            let feature = net.features[h as usize].filter(|feature| feature.sharpness > 0.0)?;
+            let ends = [net.from(h), net.end(h)].map(|vertex| names[vertex as usize]);
+            Some((ends, feature.sharpness))
         });
         let creases = Vec::from_iter(creases);
-        let of_vertices = AtPlaces { mesh, found: self.nearest(&places) };
-        let of_faces: Vec<_> = self.nearest(&middles).iter().map(|place| place.face).collect();
+        let of_vertices = AtPlaces { mesh, found: self.sheet.nearest(&places, &near) };
+        let of_faces = self.sheet.nearest(&middles, &starts);
+        let of_faces: Vec<_> = of_faces.iter().map(|place| place.face).collect();
         let mut even = Mesh::new(places, Faces::triangles(triangles))?
             .with_creases(creases)?
             .with_materials(mesh.materials().clone())
@@ -118,18 +98,6 @@ impl<'a> Original<'a> {
             even = even.with_face(name, attribute.select(&of_faces))?;
         }
         Ok(even)
-    }
-
-    fn nearest(&self, points: &[Point3<f64>]) -> Vec<NearestPoint> {
-        let found = self.tree.nearest_to_all(points).into_iter();
-        // A point whose distance overflows gets the values of the first face.
-        let far = NearestPoint {
-            distance_sq: f64::INFINITY,
-            face: 0,
-            corners: [0; 3],
-            barycentric: [1.0, 0.0, 0.0],
-        };
-        found.map(|place| place.unwrap_or(far)).collect()
     }
 }
 
@@ -158,18 +126,12 @@ impl AttributeTransfer for AtPlaces<'_> {
     }
 }
 
-fn interpolate(mesh: &Mesh, place: &NearestPoint) -> (Point3<f64>, Vector3<f64>) {
-    let corners = mesh.faces().corners();
-    let [a, b, c] = place.corners.map(|corner| mesh.positions()[corners[corner as usize] as usize]);
-    let (ab, ac) = (b - a, c - a);
-    (a + ab * place.barycentric[1] + ac * place.barycentric[2], ab.cross(&ac))
-}
-
 /// Finds the feature edges: borders, creases, and edges whose faces meet at more than `angle` degrees. A connected set of sharp edges with
 /// a small total length is noise and is left out.
 fn find_features(mesh: &Mesh, parents: &[u32], length: f64, angle: f64, net: &mut Net) {
     let given: Vec<_> = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0).collect();
     let cosine = libm::cos(angle.to_radians());
+    let normals = unit_normals(mesh, &mesh.edges());
     let mut bent = Vec::new();
     for h in Vec::from_iter(net.edges()) {
         let (a, b, twin) = (net.from(h), net.end(h), net.twin(h));
@@ -181,9 +143,10 @@ fn find_features(mesh: &Mesh, parents: &[u32], length: f64, angle: f64, net: &mu
         };
         if let Some(sharpness) = feature {
             net.set_feature(h, sharpness);
-        } else if parents[h as usize / 3] != parents[twin as usize / 3] {
-            let (p, q) = (net.area(h), net.area(twin));
-            if p.dot(&q) < cosine * p.norm() * q.norm() {
+        } else {
+            let [own, other] = [h, twin].map(|h| parents[h as usize / 3] as usize);
+            let (p, q) = (normals[own], normals[other]);
+            if own != other && p.dot(&q) < cosine * p.norm() * q.norm() {
                 bent.push(h);
             }
         }
@@ -217,10 +180,12 @@ fn part_fans(net: &mut Net) {
             vertex = net.places.len() as u32;
             net.places.push(net.place(old));
             net.leaving.push(start);
+            net.near.push(start / 3);
             net.kinds.push(Kind::Corner);
             net.kinds[old as usize] = Kind::Corner;
         }
         net.leaving[vertex as usize] = start;
+        net.near[vertex as usize] = start / 3;
         let mut fan = Vec::new();
         net.visit(vertex, |h| fan.push(h));
         for h in fan {
@@ -291,35 +256,11 @@ fn find_corners(net: &mut Net, length: f64) {
     corners.into_iter().for_each(|vertex| net.kinds[vertex as usize] = Kind::Corner);
 }
 
-/// Returns the feature curves as degenerate triangles with a search tree; `None` if there are no features.
-fn curves(net: &Net) -> Result<Option<(Mesh, TriangleTree)>, MeshError> {
-    let mut places = Vec::new();
-    for h in net.edges().filter(|&h| net.is_feature(h)) {
-        let [a, b] = [net.from(h), net.end(h)].map(|vertex| net.place(vertex));
-        places.extend([a, b, b]);
-    }
-    if places.is_empty() {
-        return Ok(None);
-    }
-    let corners: Vec<_> = (0..places.len() as u32).collect();
-    let curves = Mesh::new(places, Faces::uniform(3, corners)?)?;
-    let tree = TriangleTree::new(&curves);
-    Ok(Some((curves, tree)))
-}
-
 impl Net {
-    /// Returns the two neighbors of a vertex along its feature curve; `None` if the vertex does not have exactly two.
-    pub(super) fn along_curve(&self, vertex: u32) -> Option<[u32; 2]> {
-        let (mut found, mut count) = ([NONE; 2], 0);
-        self.visit_neighbors(vertex, |other, h| {
-            if self.is_feature(h) {
-                if let Some(place) = found.get_mut(count) {
-                    *place = other;
-                }
-                count += 1;
-            }
-        });
-        (count == 2).then_some(found)
+    /// Returns the middle of a triangle.
+    pub(super) fn middle(&self, triangle: [u32; 3]) -> Point3<f64> {
+        let [a, b, c] = triangle.map(|vertex| self.place(vertex).coords);
+        Point3::from((a + b + c) / 3.0)
     }
 
     /// Returns the normal at a vertex, whose length is twice the area around the vertex, and the centroid of that area.

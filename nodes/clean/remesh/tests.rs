@@ -3,7 +3,8 @@ use maquette_value::{Attribute, Faces};
 use nalgebra::Point3;
 
 use super::*;
-use crate::shapes::{area, ball, cube, sheet};
+use crate::flat_faces::{HEIGHTS, insert_flat_faces};
+use crate::shapes::{area, ball, cube, cut, fine_cube, sheet, volume};
 
 fn even(mesh: &Mesh, length: f64) -> Mesh {
     let even = remesh(mesh, length, 40.0, &Progress::silent()).unwrap();
@@ -220,5 +221,104 @@ fn noise_makes_no_fold_and_no_crease_of_short_bits() {
     let noisy = ball.with_positions(noisy.collect()).unwrap();
     for length in [0.5, 1.5, 6.0] {
         even(&noisy, length);
+    }
+}
+
+#[test]
+fn faces_without_area_do_not_cut_sharp_edges() {
+    let cube = cut(&fine_cube(4));
+    for height in HEIGHTS {
+        for seed in 0..4 {
+            let given = insert_flat_faces(&cube, 25, height, seed);
+            assert!(given.faces().len() > cube.faces().len());
+            let even = remesh(&given, 1.5, 40.0, &Progress::silent()).unwrap();
+            assert!(
+                (area(&even) - 600.0).abs() < 1e-6 + 100.0 * height,
+                "{height}: {}",
+                area(&even)
+            );
+            assert!((volume(&even) - 1000.0).abs() < 1e-6 + 100.0 * height, "{height}");
+        }
+    }
+}
+
+/// Returns an open cup around the z axis, with walls between two radii, as a closed surface.
+fn cup(outer: f64, wall: f64, height: f64, n: u32) -> Mesh {
+    // The profile from the middle of the bottom, outside and up, over the rim, down to the middle of the floor.
+    let inner = outer - wall;
+    let rows = n / 3;
+    let mut profile = Vec::new();
+    profile.extend((1..=8).map(|k| (outer * f64::from(k) / 8.0, 0.0)));
+    profile.extend((1..=rows).map(|k| (outer, height * f64::from(k) / f64::from(rows))));
+    profile.extend(
+        (0..rows).map(|k| (inner, height + (wall - height) * f64::from(k) / f64::from(rows))),
+    );
+    profile.extend((0..8).map(|k| (inner * f64::from(8 - k) / 8.0, wall)));
+    let mut places = vec![Point3::origin(), Point3::new(0.0, 0.0, wall)];
+    for &(radius, z) in &profile {
+        places.extend((0..n).map(|k| {
+            let angle = f64::from(k) / f64::from(n) * std::f64::consts::TAU;
+            Point3::new(radius * libm::cos(angle), radius * libm::sin(angle), z)
+        }));
+    }
+    let name = |row: u32, k: u32| 2 + row * n + k % n;
+    let last = profile.len() as u32 - 1;
+    let mut faces = Vec::new();
+    for k in 0..n {
+        faces.push([0, name(0, k + 1), name(0, k)]);
+        faces.push([1, name(last, k), name(last, k + 1)]);
+        for row in 0..last {
+            let [a, b, c, d] =
+                [name(row, k), name(row, k + 1), name(row + 1, k + 1), name(row + 1, k)];
+            faces.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    Mesh::new(places, Faces::triangles(faces)).unwrap()
+}
+
+/// Returns two bent sheets with a gap between them.
+fn sheets(gap: f64, bend: f64, turned: bool) -> Mesh {
+    let one = cut(&sheet(30, |x, y| bend * libm::sin(0.5 * x) * libm::cos(0.4 * y)));
+    let count = one.positions().len() as u32;
+    let mut places = one.positions().to_vec();
+    places.extend(one.positions().iter().map(|p| p + nalgebra::Vector3::new(0.0, 0.0, gap)));
+    let mut faces = one.faces().as_triangles().unwrap().to_vec();
+    for k in 0..faces.len() {
+        let [a, b, c] = faces[k].map(|vertex| vertex + count);
+        faces.push(if turned { [a, c, b] } else { [a, b, c] });
+    }
+    Mesh::new(places, Faces::triangles(faces)).unwrap()
+}
+
+/// Checks that no faces of a remeshed thin shape cross, and that its feature curves are where they were.
+fn check_walls(mesh: &Mesh, length: f64, angle: f64, what: &str) {
+    let even = remesh(mesh, length, angle, &Progress::silent()).unwrap();
+    assert_eq!(kind(mesh), kind(&even), "{what}");
+    let crossing = even.crossings(|| Ok::<(), Error>(())).unwrap().len();
+    assert_eq!(crossing, 0, "{what}");
+    let borders = |mesh: &Mesh| -> f64 {
+        let edges = mesh.edges();
+        let borders = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
+        let place = |vertex: u32| mesh.positions()[vertex as usize];
+        borders.map(|(&[a, b], _)| (place(b) - place(a)).norm()).sum()
+    };
+    let [before, after] = [borders(mesh), borders(&even)];
+    assert!((after - before).abs() <= 0.05 * before, "{what}: {before} {after}");
+    let [before, after] = [volume(mesh), volume(&even)];
+    assert!((after - before).abs() <= 0.1 * area(mesh), "{what}: {before} {after}");
+}
+
+#[test]
+fn thin_walls_stay_apart() {
+    let mut random = maquette_value::rng::Random(7);
+    for index in 0..8 {
+        let mut between = |low: f64, high: f64| low + (high - low) * random.even();
+        let (gap, length) = (between(0.2, 2.0), between(1.0, 4.0));
+        let what = format!("{index}: gap {gap}, length {length}");
+        if index % 2 == 0 {
+            check_walls(&cup(between(6.0, 12.0), gap, between(8.0, 20.0), 48), length, 40.0, &what);
+        } else {
+            check_walls(&sheets(gap, between(0.0, 1.5), index % 4 == 1), length, 40.0, &what);
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! A low-pass filter on the vertices of a mesh.
 
+use maquette_base::topology::flat_faces::FlatFaces;
 use maquette_base::topology::lists::Lists;
 use maquette_node::{Error, Progress, bail};
 use maquette_value::parallel::*;
@@ -29,6 +30,11 @@ impl Filter {
 
     pub(super) fn add_mass(&mut self, vertex: u32, mass: f64) {
         self.masses[vertex as usize] += mass;
+    }
+
+    /// Moves the masses of dependent vertices to the vertices on which they depend.
+    pub(super) fn gather_masses(&mut self, flat: &FlatFaces) {
+        flat.gather(&mut self.masses);
     }
 
     /// Solves `(M + c K M^-1 K) x = M x_before` for the free vertices with a mass. `K` contains the weights, `M` the masses, and `c` is

@@ -3,7 +3,8 @@ use maquette_value::rng::Random;
 use nalgebra::Vector3;
 
 use super::*;
-use crate::shapes::{area, even_ball, fine_cube, sheet, volume};
+use crate::flat_faces::{HEIGHTS, insert_flat_faces};
+use crate::shapes::{area, cut, even_ball, fine_cube, sheet, volume};
 
 fn smooth_with(mesh: &Mesh, length: f64, keep_borders: bool) -> Mesh {
     smooth(mesh, length, keep_borders, &Progress::silent()).unwrap()
@@ -159,4 +160,42 @@ fn the_bytes_are_the_same_for_any_number_of_threads() {
     }
     let one = run(1, &wave);
     assert!([2, 3, 8].iter().all(|&threads| run(threads, &wave) == one));
+}
+
+/// Returns the largest distance between the vertices of one mesh and those of another with the same index.
+fn largest_move(a: &Mesh, b: &Mesh) -> f64 {
+    let moves = a.positions().iter().zip(b.positions().iter()).map(|(a, b)| (b - a).norm());
+    moves.fold(0.0, f64::max)
+}
+
+#[test]
+fn faces_without_area_change_nothing() {
+    let mut random = Random(3);
+    let mut shake = |mesh: Mesh| {
+        let moved =
+            mesh.positions().iter().map(|p| p + Vector3::from_fn(|_, _| 0.05 * noise(&mut random)));
+        let moved = Vec::from_iter(moved);
+        cut(&mesh.with_positions(moved).unwrap())
+    };
+    let shapes = [
+        shake(even_ball(3)),
+        shake(sheet(12, |x, y| libm::sin(x) * libm::cos(y))),
+        shake(fine_cube(5)),
+    ];
+    for (seed, mesh) in (1..).zip(shapes) {
+        for height in HEIGHTS {
+            let given = insert_flat_faces(&mesh, 30, height, seed);
+            assert!(given.positions().len() > mesh.positions().len() + 5);
+            for (length, keep_borders) in [(5.0, false), (2.0, true)] {
+                let [with, without] =
+                    [&given, &mesh].map(|mesh| smooth_with(mesh, length, keep_borders));
+                let off = largest_move(&without, &with);
+                assert!(off <= 1e-6 + 30.0 * height, "{seed} {height}: {off}");
+                // The new vertices stay on their edges.
+                let added = &with.positions()[mesh.positions().len()..];
+                let before = &given.positions()[mesh.positions().len()..];
+                assert!(added.iter().zip(before).all(|(a, b)| (b - a).norm() < 1.0));
+            }
+        }
+    }
 }

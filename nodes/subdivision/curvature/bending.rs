@@ -26,6 +26,15 @@ impl Bending {
         Self { gaussian, mean, principal: [mean + spread, mean - spread], ..self }
     }
 
+    /// Returns the mean of some curvatures, weighted by the numbers beside them, with the directions of the one with the largest weight;
+    /// `None` if there are none.
+    pub(super) fn mean(parts: &[(Self, f64)]) -> Option<Self> {
+        let (main, _) = parts.iter().copied().reduce(|a, b| if a.1 < b.1 { b } else { a })?;
+        let gaussian = parts.iter().map(|(bending, weight)| bending.gaussian * weight).sum();
+        let mean = parts.iter().map(|(bending, weight)| bending.mean * weight).sum();
+        Some(main.replace_curvatures(super::AngleBending { gaussian, mean, area: 0.0 }))
+    }
+
     /// Computes the curvature from the derivatives of any parametrization. Returns `None` if the tangents do not span a plane.
     ///
     /// The principal curvatures are the eigenvalues of the second fundamental form in an orthonormal frame of tangents: do Carmo,

@@ -1,5 +1,6 @@
 //! The curvature of a mesh itself, from angles and from fitted quadratic surfaces.
 
+use maquette_base::topology::flat_faces::FlatFaces;
 use maquette_base::topology::lists::Lists;
 use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
@@ -16,7 +17,18 @@ impl Neighbors {
         Self(Lists::group(vertices, || edges.vertices.iter().flat_map(|&[a, b]| [(a, b), (b, a)])))
     }
 
-    pub(super) fn neighbors(&self, vertex: u32) -> &[u32] {
+    /// As [`new`](Self::new), but with each dependent vertex replaced by the one on which it depends most.
+    fn of_independent(edges: &Edges, vertices: usize, flat: &FlatFaces) -> Self {
+        if flat.is_empty() {
+            return Self::new(edges, vertices);
+        }
+        Self(Lists::group(vertices, || {
+            let edges = edges.vertices.iter().map(|ends| ends.map(|end| flat.main_support(end)));
+            edges.filter(|[a, b]| a != b).flat_map(|[a, b]| [(a, b), (b, a)])
+        }))
+    }
+
+    fn neighbors(&self, vertex: u32) -> &[u32] {
         self.0.list(vertex as usize)
     }
 
@@ -69,18 +81,19 @@ pub(super) fn triangulate_polygons(mesh: &Mesh) -> Result<Mesh, MeshError> {
 /// The minimum number of points for fitting a quadratic surface.
 const MIN_POINTS: usize = 6;
 
-/// Computes the curvature at some vertices of a mesh from quadratic surfaces fitted to the vertices' neighborhoods; `None` for a vertex
-/// whose neighborhood does not determine a quadratic surface.
+/// Computes the curvature at the vertices of a mesh from quadratic surfaces fitted to the vertices' neighborhoods; `None` for a vertex
+/// whose neighborhood does not determine a quadratic surface, and for dependent vertices.
 ///
 /// # Errors
 /// If the evaluation is cancelled.
 pub(super) fn fit_quadrics(
     mesh: &Mesh,
-    vertices: &[u32],
+    flat: &FlatFaces,
     progress: &Progress<'_>,
 ) -> Result<Vec<Option<Bending>>, CancelledError> {
-    let neighbors = Neighbors::new(&mesh.edges(), mesh.positions().len());
-    let normals = mesh.vertex_normals();
+    let neighbors = Neighbors::of_independent(&mesh.edges(), mesh.positions().len(), flat);
+    let normals = normals(mesh, flat);
+    let vertices: Vec<_> = (0..mesh.positions().len() as u32).collect();
     let parts = vertices
         .par_chunks(256)
         .map(|vertices| {
@@ -98,4 +111,19 @@ pub(super) fn fit_quadrics(
         })
         .collect::<Result<Vec<_>, _>>()?;
     Ok(parts.concat())
+}
+
+/// Returns vectors along the normals of the vertices. Dependent vertices have none; the vertices on which they depend have those of their
+/// faces, too.
+fn normals(mesh: &Mesh, flat: &FlatFaces) -> Vec<Vector3<f64>> {
+    if flat.is_empty() {
+        return mesh.vertex_normals();
+    }
+    let mut sums = vec![Vector3::zeros(); mesh.positions().len()];
+    for face in mesh.faces().iter() {
+        let area = mesh.area_vector(face);
+        face.iter().for_each(|&vertex| sums[vertex as usize] += area);
+    }
+    flat.gather(&mut sums);
+    sums
 }

@@ -1,6 +1,8 @@
 use maquette_node::Progress;
 use nalgebra::{Point3, Vector3};
 
+use super::super::crease;
+use super::super::flat_faces::{HEIGHTS, insert_flat_faces};
 use super::super::shapes::{add_noise, cube, sphere, torus};
 use super::super::{InterpolateOptions, interpolate};
 use super::*;
@@ -250,5 +252,144 @@ fn extraordinary_vertices_do_not_affect_each_other() {
                 assert!((one - two).abs() < 1e-12 * one.abs(), "{row} {column}: {one} {two}");
             }
         }
+    }
+}
+
+fn bend(mesh: &Mesh, method: CurvatureMethod) -> Vec<Option<Bending>> {
+    let boundary = Boundary::default();
+    curvature(mesh, method, Scheme::Loop, boundary, &Progress::silent()).unwrap().bending
+}
+
+#[test]
+fn faces_without_area_change_no_curvature() {
+    for mesh in [sphere(3), torus(24, 12, true)] {
+        for height in HEIGHTS {
+            let given = insert_flat_faces(&mesh, 20, height, 1);
+            assert!(given.positions().len() > mesh.positions().len() + 5);
+            for method in [CurvatureMethod::Mesh, CurvatureMethod::Fit] {
+                let (without, with) = (bend(&mesh, method), bend(&given, method));
+                for (vertex, bending) in with.iter().enumerate() {
+                    let Some(bending) = bending else { panic!("{vertex} is unknown") };
+                    // New vertices have values between those of the old ones.
+                    assert!(bending.mean.abs() < 3.0, "{vertex}: {bending:?}");
+                    if let Some(other) = without.get(vertex).map(|other| other.unwrap()) {
+                        let off = [bending.mean - other.mean, bending.gaussian - other.gaussian];
+                        let bound = 1e-6 + 1e4 * height;
+                        assert!(
+                            off.iter().all(|x| x.abs() <= bound),
+                            "{method:?} {height} {vertex}: {off:?}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn faces_without_area_keep_the_angle_defects() {
+    let given = insert_flat_faces(&add_noise(&sphere(3), 0.02), 20, 0.0, 4);
+    let sum: f64 = angle_bending(&given).iter().map(|bend| bend.gaussian * bend.area).sum();
+    assert!((sum - 2.0 * std::f64::consts::TAU).abs() <= 1e-9, "{sum}");
+}
+
+#[test]
+fn faces_without_area_interrupt_no_crease() {
+    let length = |mesh: &Mesh| -> f64 {
+        let place = |vertex: u32| mesh.positions()[vertex as usize];
+        crease(mesh, 40.0, 10.0).creases().map(|([a, b], _)| (place(b) - place(a)).norm()).sum()
+    };
+    let corners = cube();
+    let mut fine = Mesh::new(
+        corners.positions().to_vec(),
+        maquette_value::Faces::triangles(corners.triangles().into_owned()),
+    )
+    .unwrap();
+    for _ in 0..2 {
+        fine = split_triangles(&fine);
+    }
+    for height in HEIGHTS {
+        for seed in 0..5 {
+            let given = insert_flat_faces(&fine, 20, height, seed);
+            let off = length(&given) - length(&fine);
+            assert!(off.abs() < 1e-9 + 10.0 * height, "{height}: {off}");
+        }
+    }
+}
+
+/// Splits each triangle into four equal ones.
+fn split_triangles(mesh: &Mesh) -> Mesh {
+    let (mut positions, edges) = (mesh.positions().to_vec(), mesh.edges());
+    let count = positions.len() as u32;
+    positions.extend(edges.vertices.iter().map(|ends| {
+        let [a, b] = ends.map(|end| mesh.positions()[end as usize]);
+        nalgebra::center(&a, &b)
+    }));
+    let faces = mesh.faces().iter().enumerate().flat_map(|(face, corners)| {
+        let [ab, bc, ca] = [0, 1, 2].map(|k| count + edges.of_corner[3 * face + k]);
+        let [a, b, c] = [corners[0], corners[1], corners[2]];
+        [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]
+    });
+    Mesh::new(positions, maquette_value::Faces::triangles(faces.collect())).unwrap()
+}
+
+/// Returns the part of a sphere of radius 1 above a height.
+fn cap(steps: u32, height: f64) -> Mesh {
+    let whole = sphere(steps);
+    let positions: Vec<_> =
+        whole.positions().iter().map(|p| Point3::from(p.coords.normalize())).collect();
+    let faces = whole.faces().as_triangles().unwrap().iter();
+    let faces =
+        faces.filter(|face| face.iter().all(|&vertex| positions[vertex as usize].z > height));
+    let faces = Vec::from_iter(faces.copied());
+    Mesh::new(positions, maquette_value::Faces::triangles(faces)).unwrap()
+}
+
+/// Returns part of a cylinder of radius 1 with rows of `n` triangles in turned or plain pairs.
+fn half_cylinder(n: u32, rows: u32, length: f64) -> Mesh {
+    let positions = (0..(n + 1) * rows).map(|k| {
+        let [angle, z] = [
+            f64::from(k % (n + 1)) / f64::from(n) * 3.0,
+            f64::from(k / (n + 1)) / f64::from(rows - 1),
+        ];
+        Point3::new(libm::cos(angle), libm::sin(angle), length * z)
+    });
+    let cells = (0..n * (rows - 1)).map(|k| k / n * (n + 1) + k % n);
+    let faces = cells.flat_map(|a| {
+        let [b, c, d] = [a + 1, a + n + 2, a + n + 1];
+        if a % 2 == 0 { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] }
+    });
+    Mesh::new(positions.collect::<Vec<_>>(), maquette_value::Faces::triangles(faces.collect()))
+        .unwrap()
+}
+
+#[test]
+fn the_curvature_at_borders_is_right_or_unknown() {
+    fn check(mesh: &Mesh, [k1, k2]: [f64; 2], what: &str) {
+        let used = std::collections::BTreeSet::from_iter(mesh.faces().corners().iter().copied());
+        let bending = bend(mesh, CurvatureMethod::Mesh);
+        let mut known = 0;
+        for vertex in used {
+            let Some(found) = bending[vertex as usize] else { continue };
+            known += 1;
+            let off =
+                [found.principal[0] - k1, found.principal[1] - k2, found.mean - (k1 + k2) / 2.0];
+            assert!(off.iter().all(|x| x.abs() <= 0.15), "{what} {vertex}: {found:?}");
+        }
+        assert!(known > 0, "{what}");
+    }
+    for steps in 3..5 {
+        for height in [-0.8, -0.3, 0.0, 0.4, 0.8] {
+            check(&cap(steps, height), [1.0, 1.0], &format!("cap {steps} {height}"));
+        }
+    }
+    for (n, rows, length) in
+        [(12, 5, 1.0), (24, 12, 1.0), (24, 3, 0.2), (60, 40, 2.0), (60, 4, 3.0)]
+    {
+        check(
+            &half_cylinder(n, rows, length),
+            [1.0, 0.0],
+            &format!("cylinder {n} {rows} {length}"),
+        );
     }
 }
