@@ -251,7 +251,7 @@ impl<'a> Backs<'a> {
 
     /// Returns for each back vertex the direction backwards: the mean of the normals of its faces, by angle, reversed, and turned until all
     /// of its faces look away from it, if there is such a direction.
-    fn directions(&self) -> Vec<Vector3<f64>> {
+    pub(super) fn directions(&self) -> Vec<Vector3<f64>> {
         let mut sums = vec![Vector3::zeros(); self.first.len()];
         let (faces, positions) = (self.mesh.faces(), self.mesh.positions());
         for face in 0..faces.len() {

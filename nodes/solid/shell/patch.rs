@@ -69,12 +69,15 @@ pub(super) fn one_sided(
         let mut below = Motion { shifts: backs.shifts(SKIRT * cell), ..motion.clone() };
         below.heights.iter_mut().for_each(|height| *height *= CUT);
         let mut above = Some(Motion {
-            directions: motion.directions.iter().map(|direction| -direction).collect(),
+            directions: Backs::new(mesh, -1.0).directions(),
             heights: motion.heights.iter().map(|height| height.min(0.1 * cell)).collect(),
             shifts: below.shifts.clone(),
         });
         backs.settle(&mut above, &mut below, progress)
-    })?;
+    });
+    progress.check()?;
+    // The layer alone is thin in places, for which there is a warning.
+    let Ok(cutter) = cutter else { return Ok(layer) };
     let patched = progress.part(0.75..1.0, |progress| {
         // The cutter is a thin layer around the surface, which separates the added volume behind the surface from that in front of it.
         let parts = boolean(&added, &[&cutter], Operation::Difference, progress)?;
