@@ -249,6 +249,27 @@ impl<'a> Backs<'a> {
         lacks.iter().any(|lack| 0.0 < *lack)
     }
 
+    /// Returns the motion by `height` mm along the rays of the sensor of a capture, or else against the mean direction of the faces. A surface that is
+    /// seen whole from there does not fold, however rough it is.
+    pub(super) fn away(&self, height: f64) -> Motion {
+        let faces = self.mesh.faces().iter();
+        let mean = -faces.map(|face| self.mesh.area_vector(face)).sum::<Vector3<f64>>();
+        let direction = |back: usize| match self.mesh.frame() {
+            Some(_) => {
+                let ray = self.position(back).coords;
+                let sign = if mean.dot(&ray) < 0.0 { -1.0 } else { 1.0 };
+                ray.try_normalize(0.0).unwrap_or_default() * sign
+            }
+            None => mean.try_normalize(0.0).unwrap_or_default(),
+        };
+        let count = self.first.len();
+        Motion {
+            directions: (0..count).map(direction).collect(),
+            heights: vec![height; count],
+            shifts: vec![Vector3::zeros(); count],
+        }
+    }
+
     /// Returns for each back vertex the direction backwards: the mean of the normals of its faces, by angle, reversed, and turned until all
     /// of its faces look away from it, if there is such a direction.
     pub(super) fn directions(&self) -> Vec<Vector3<f64>> {

@@ -48,8 +48,19 @@ pub(super) fn one_sided(
     let tree = TriangleTree::new(mesh);
     let backs = Backs::new(mesh, 1.0);
     let mut motion = progress.part(0.0..0.2, |progress| backs.fit(&tree, thickness, progress))?;
-    let layer =
-        progress.part(0.2..0.4, |progress| backs.settle(&mut None, &mut motion, progress))?;
+    let layer = progress.part(0.2..0.3, |progress| backs.settle(&mut None, &mut motion, progress));
+    progress.check()?;
+    let layer = match layer {
+        Ok(layer) => layer,
+        // Some vertices of a rough scan have no direction that all of their faces look away from.
+        Err(why) => {
+            motion = backs.away(thickness);
+            let layer =
+                progress.part(0.3..0.4, |progress| backs.settle(&mut None, &mut motion, progress));
+            progress.check()?;
+            layer.map_err(|_| why)?
+        }
+    };
     let thin = backs.thin_faces(&tree, &motion, &layer, ENOUGH * thickness);
     if thin.is_empty() {
         return Ok(layer);
