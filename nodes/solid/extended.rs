@@ -12,6 +12,7 @@ pub(crate) struct ExtendedMesh<'a> {
     like_vertices: Vec<u32>,
     like_corners: Vec<u32>,
     like_faces: Vec<u32>,
+    creases: Vec<([u32; 2], f64)>,
 }
 
 impl<'a> ExtendedMesh<'a> {
@@ -25,7 +26,26 @@ impl<'a> ExtendedMesh<'a> {
             like_vertices: (0..mesh.positions().len() as u32).collect(),
             like_corners: (0..faces.corners().len() as u32).collect(),
             like_faces: (0..faces.len() as u32).collect(),
+            creases: mesh.creases().collect(),
         }
+    }
+
+    /// Returns a mesh without vertices and faces. Those that are added copy the attributes of elements of `mesh`.
+    pub(crate) fn without_elements(mesh: &'a Mesh) -> Self {
+        Self {
+            mesh,
+            positions: Vec::new(),
+            corners: Vec::new(),
+            sides: Vec::new(),
+            like_vertices: Vec::new(),
+            like_corners: Vec::new(),
+            like_faces: Vec::new(),
+            creases: Vec::new(),
+        }
+    }
+
+    pub(crate) fn has_faces(&self) -> bool {
+        !self.sides.is_empty()
     }
 
     /// Adds a vertex that copies the attributes of the vertex `like`.
@@ -54,7 +74,7 @@ impl<'a> ExtendedMesh<'a> {
             false => Faces::polygons(&self.sides, self.corners)?,
         };
         let mut mesh = Mesh::new(self.positions, faces)?
-            .with_creases(self.mesh.creases())?
+            .with_creases(self.creases)?
             .with_materials(self.mesh.materials().clone())
             .with_frame(self.mesh.frame().copied());
         fn is_kept((name, _): &(&str, &Attribute)) -> bool {

@@ -5,7 +5,7 @@
 
 use maquette_node::{Error, Limit, LimitError, Progress};
 use maquette_value::parallel::*;
-use maquette_value::{Bounds, Faces, Mesh, NearestPoint, TriangleTree};
+use maquette_value::{Bounds, Faces, Mesh, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
 use crate::contour::Contour;
@@ -47,13 +47,33 @@ impl Floor {
     }
 }
 
-/// Returns the surface of the volume that is within `radius` mm of a triangle of the mesh and above the floor. The surface is closed,
+/// The volume to which an offset surface is restricted.
+#[derive(Clone, Copy)]
+pub(crate) enum Clip<'a> {
+    Nothing,
+    Floor(Floor),
+    /// The points of positive depth, by a function that measures the depths of points, in mm.
+    Depths(&'a (dyn Fn(&[Point3<f64>]) -> Vec<f64> + Sync)),
+}
+
+impl Clip<'_> {
+    /// Returns the depth of each point inside of the volume, in mm. `gap` is the distance that is kept from a floor.
+    fn depths(&self, points: &[Point3<f64>], gap: f64) -> Vec<f64> {
+        match self {
+            Self::Nothing => vec![f64::INFINITY; points.len()],
+            Self::Floor(floor) => points.iter().map(|at| floor.height_above(at) - gap).collect(),
+            Self::Depths(depths) => depths(points),
+        }
+    }
+}
+
+/// Returns the surface of the volume that is within `radius` mm of a triangle of the mesh and inside of `clip`. The surface is closed,
 /// manifold and without self-intersections, for any triangles. The grid has `cells` cells per radius. As the faces are flat, the radius is
 /// exact to about 2 % with 3 cells, and to 4 % with 2 cells.
 pub(crate) fn offset_surface(
     mesh: &Mesh,
     (radius, cells): (f64, f64),
-    floor: Option<Floor>,
+    clip: Clip<'_>,
     progress: &Progress<'_>,
 ) -> Result<Mesh, Error> {
     let Some((low, high)) = mesh.bounds() else { return Ok(mesh.clone()) };
@@ -106,8 +126,9 @@ pub(crate) fn offset_surface(
         nearest.map_or(f64::INFINITY, |nearest| nearest.distance_sq.sqrt() - radius)
     });
     let half = 0.5 * 3f64.sqrt() * block + spacing;
+    let is_clipped = !matches!(clip, Clip::Nothing);
     let is_near =
-        far.map(|far| far.abs() <= half || (floor.is_some() && far <= half)).collect::<Vec<_>>();
+        far.map(|far| far.abs() <= half || (is_clipped && far <= half)).collect::<Vec<_>>();
     let mut kept = is_near.into_iter();
     blocks.retain(|_| kept.next() == Some(true));
     progress.tick(0.2)?;
@@ -124,6 +145,7 @@ pub(crate) fn offset_surface(
         });
         let places: Vec<Point3<f64>> = nodes.map(place).collect();
         let nearest = tree.nearest_to_all(&places);
+        let clipped = clip.depths(&places, gap);
 
         for (block, &[z, y, x]) in chunk.iter().enumerate() {
             let first = block * SIDE * SIDE * SIDE;
@@ -136,7 +158,7 @@ pub(crate) fn offset_surface(
                 let depths = std::array::from_fn(|step| {
                     let at = node(step, i, j, k, first);
                     let inside = nearest[at].map_or(0.0, |it| radius - it.distance_sq.sqrt());
-                    floor.map_or(inside, |floor| inside.min(floor.height_above(&places[at]) - gap))
+                    inside.min(clipped[at])
                 });
                 contour.add([BLOCK * x + i, BLOCK * y + j, BLOCK * z + k], depths, place);
             }
@@ -146,19 +168,25 @@ pub(crate) fn offset_surface(
     let triangles = contour.triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect();
     let mut skin = Mesh::new(contour.points.clone(), Faces::triangles(triangles))?;
     let nearest = tree.nearest_to_all(&contour.points);
-    let mut moved: Vec<_> = contour
-        .points
-        .iter()
-        .zip(&nearest)
-        .map(|(point, nearest): (&Point3<f64>, &Option<NearestPoint>)| {
-            let Some(nearest) = nearest else { return *point };
+    let clipped = clip.depths(&contour.points, gap);
+    let mut moved: Vec<_> = (0..contour.points.len())
+        .map(|vertex| {
+            let point = contour.points[vertex];
+            let Some(nearest) = nearest[vertex] else { return point };
             let distance = nearest.distance_sq.sqrt();
-            match floor.map(|floor| (floor.up, floor.height_above(point) - gap)) {
-                Some((up, above)) if above < radius - distance => point - up * above,
-                _ => {
-                    let on = nearest.position(mesh);
-                    on + (point - on) * (radius / distance)
+            if radius - distance <= clipped[vertex] {
+                let on = nearest.position(mesh);
+                return on + (point - on) * (radius / distance);
+            }
+            match clip {
+                Clip::Floor(floor) => point - floor.up * clipped[vertex],
+                // Follow the grid edge inwards, to where the depth would be zero if it were linear.
+                Clip::Depths(_) => {
+                    let (end, depth) = contour.deep_ends[vertex];
+                    let outside = (-clipped[vertex]).max(0.0);
+                    point + (end - point) * (outside / (outside + depth))
                 }
+                Clip::Nothing => point,
             }
         })
         .collect();
@@ -197,7 +225,8 @@ mod tests {
     #[test]
     fn around_a_triangle_there_is_a_round_plate() {
         let radius = 1.0;
-        let plate = offset_surface(&triangle(), (radius, 3.0), None, &Progress::silent()).unwrap();
+        let plate =
+            offset_surface(&triangle(), (radius, 3.0), Clip::Nothing, &Progress::silent()).unwrap();
         let edges = plate.edges();
         assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
         assert_eq!(plate.crossings(|| Progress::silent().check()).unwrap(), Vec::<[u32; 2]>::new());
@@ -215,7 +244,8 @@ mod tests {
     fn nothing_is_below_the_floor() {
         let floor = Floor { up: Vector3::z(), height: -0.4 };
         let plate =
-            offset_surface(&triangle(), (1.0, 3.0), Some(floor), &Progress::silent()).unwrap();
+            offset_surface(&triangle(), (1.0, 3.0), Clip::Floor(floor), &Progress::silent())
+                .unwrap();
         let edges = plate.edges();
         assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
         let lowest = plate.positions().iter().map(|at| at.z).fold(f64::INFINITY, f64::min);

@@ -6,7 +6,7 @@ use maquette_value::{Backing, Faces, Mesh, MeshError, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
 use crate::combine::boolean;
-use crate::offset::{Floor, offset_surface};
+use crate::offset::{Clip, Floor, offset_surface};
 use crate::operation::Operation;
 use crate::transfer_attributes::transfer_attributes;
 
@@ -40,7 +40,8 @@ pub(crate) fn thicken(
         }
         let middle = sheet(&made, &tree, &thin, (thickness, floor))?;
         let added = progress.part(share(0.0, pass)..share(0.7, pass), |progress| {
-            offset_surface(&middle, (THICKNESS_FACTOR * thickness / 2.0, 3.0), floor, progress)
+            let clip = floor.map_or(Clip::Nothing, Clip::Floor);
+            offset_surface(&middle, (THICKNESS_FACTOR * thickness / 2.0, 3.0), clip, progress)
         })?;
         let added = transfer_attributes(&made, &tree, added)?.with_frame(made.frame().copied());
         made = progress.part(share(0.7, pass)..share(1.0, pass), |progress| {

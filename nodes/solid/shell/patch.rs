@@ -1,0 +1,214 @@
+//! Shells: a layer, and material where the layer is too thin.
+
+use std::collections::BTreeSet;
+
+use maquette_base::topology::union_find::UnionFind;
+use maquette_node::{Error, Progress};
+use maquette_value::{Mesh, TriangleTree};
+use nalgebra::Point3;
+
+use super::behind::Behind;
+use super::layer::{Backs, Motion};
+use crate::combine::boolean;
+use crate::offset::{Clip, offset_surface};
+use crate::operation::Operation;
+use crate::transfer_attributes::transfer_attributes;
+use crate::volume::volume;
+
+/// Number of cells of the grid per thickness.
+const CELLS: f64 = 2.0;
+
+/// Factor by which the distance of the added volume is multiplied, as its flat faces are closer than its vertices.
+const DISTANCE_FACTOR: f64 = 1.06;
+
+/// Fraction of the thickness that a layer must have to need no addition.
+const ENOUGH: f64 = 0.99;
+
+/// Distance in cells by which the added volume extends beyond the front of the surface, where it is cut off.
+const BEYOND: f64 = 0.75;
+
+/// Distance in cells between the added volume and the walls at borders.
+const INSET: f64 = 0.05;
+
+/// Distance in cells by which the layer that cuts off the added volume extends beyond borders.
+const SKIRT: f64 = 0.3;
+
+/// Fraction of the layer's height at which the added volume is cut off.
+const CUT: f64 = 0.5;
+
+/// Returns the shell of the given thickness behind a surface, which keeps its faces.
+///
+/// # Errors
+/// Returns an error if the surface intersects itself, the grid has too many cells, or the evaluation is cancelled.
+pub(super) fn one_sided(
+    mesh: &Mesh,
+    thickness: f64,
+    progress: &Progress<'_>,
+) -> Result<Mesh, Error> {
+    let tree = TriangleTree::new(mesh);
+    let backs = Backs::new(mesh, 1.0);
+    let mut motion = progress.part(0.0..0.2, |progress| backs.fit(&tree, thickness, progress))?;
+    let layer = progress.part(0.2..0.3, |progress| backs.settle(&mut None, &mut motion, progress));
+    progress.check()?;
+    let layer = match layer {
+        Ok(layer) => layer,
+        // Some vertices of a rough scan have no direction that all of their faces look away from.
+        Err(why) => {
+            motion = backs.away(thickness);
+            let layer =
+                progress.part(0.3..0.4, |progress| backs.settle(&mut None, &mut motion, progress));
+            progress.check()?;
+            layer.map_err(|_| why)?
+        }
+    };
+    let thin = backs.thin_faces(&tree, &motion, &layer, ENOUGH * thickness);
+    if thin.is_empty() {
+        return Ok(layer);
+    }
+    let cell = thickness / CELLS;
+    let behind = Behind::new(mesh, &tree)?;
+    let added = progress.part(0.4..0.7, |progress| {
+        let depths = |points: &[Point3<f64>]| {
+            let located = behind.locate(points).into_iter();
+            located
+                .map(|at| (at.depth + BEYOND * cell).min(at.inset - INSET * cell))
+                .collect::<Vec<_>>()
+        };
+        added(mesh, (&tree, &thin), thickness, &depths, progress)
+    })?;
+    let cutter = progress.part(0.7..0.75, |progress| {
+        let mut below = Motion { shifts: backs.shifts(SKIRT * cell), ..motion.clone() };
+        below.heights.iter_mut().for_each(|height| *height *= CUT);
+        let mut above = Some(Motion {
+            directions: Backs::new(mesh, -1.0).directions(),
+            heights: motion.heights.iter().map(|height| height.min(0.1 * cell)).collect(),
+            shifts: below.shifts.clone(),
+        });
+        backs.settle(&mut above, &mut below, progress)
+    });
+    progress.check()?;
+    // The layer alone is thin in places, for which there is a warning.
+    let Ok(cutter) = cutter else { return Ok(layer) };
+    let patched = progress.part(0.75..1.0, |progress| {
+        // The cutter is a thin layer around the surface, which separates the added volume behind the surface from that in front of it.
+        let parts = boolean(&added, &[&cutter], Operation::Difference, progress)?;
+        let parts = keep_components(&parts, |vertices, _| {
+            let points: Vec<_> =
+                vertices.iter().map(|&it| parts.positions()[it as usize]).collect();
+            let depths = behind.locate(&points).into_iter().map(|it| it.depth);
+            depths.max_by(|a, b| a.abs().total_cmp(&b.abs())).is_some_and(|depth| 0.0 < depth)
+        });
+        boolean(&layer, &[&parts], Operation::Union, progress)
+    });
+    progress.check()?;
+    let is_surface = positions(mesh);
+    Ok(match patched {
+        Ok(patched) if positions(&patched).is_superset(&is_surface) => {
+            let bubble = (thickness / 2.0).powi(3);
+            keep_components(&patched, |vertices, volume| {
+                let mut places = vertices.iter().map(|&it| bits(&patched.positions()[it as usize]));
+                bubble <= volume.abs() || places.any(|it| is_surface.contains(&it))
+            })
+        }
+        // The layer alone is thin in places, for which there is a warning.
+        _ => layer,
+    })
+}
+
+/// Returns the shell of the given thickness around a surface, with half of it on each side.
+///
+/// # Errors
+/// Returns an error if the grid has too many cells, or the evaluation is cancelled.
+pub(super) fn two_sided(
+    mesh: &Mesh,
+    thickness: f64,
+    progress: &Progress<'_>,
+) -> Result<Mesh, Error> {
+    let tree = TriangleTree::new(mesh);
+    let half = thickness / 2.0;
+    let [front, back] = [-1.0, 1.0].map(|sign| Backs::new(mesh, sign));
+    let above = progress.part(0.0..0.2, |progress| front.fit(&tree, half, progress))?;
+    let mut below = progress.part(0.2..0.4, |progress| back.fit(&tree, half, progress))?;
+    let mut above = Some(above);
+    let layer = progress.part(0.4..0.5, |progress| back.settle(&mut above, &mut below, progress));
+    progress.check()?;
+    let Ok(layer) = layer else {
+        // The surface intersects itself, so there is no layer around it, but there is a volume.
+        let all: Vec<_> = (0..mesh.faces().len() as u32).collect();
+        let everywhere = |points: &[Point3<f64>]| vec![f64::INFINITY; points.len()];
+        return added(mesh, (&tree, &all), half, &everywhere, progress);
+    };
+    let mut thin = back.thin_faces(&tree, &below, &layer, ENOUGH * half);
+    if let Some(above) = &above {
+        thin.extend(front.thin_faces(&tree, above, &layer, ENOUGH * half));
+    }
+    thin.sort_unstable();
+    thin.dedup();
+    if thin.is_empty() {
+        return Ok(layer);
+    }
+    let behind = Behind::new(mesh, &tree)?;
+    let added = progress.part(0.5..0.8, |progress| {
+        let depths = |points: &[Point3<f64>]| {
+            let located = behind.locate(points).into_iter();
+            located.map(|at| at.inset - INSET * half / CELLS).collect::<Vec<_>>()
+        };
+        added(mesh, (&tree, &thin), half, &depths, progress)
+    })?;
+    let patched =
+        progress.part(0.8..1.0, |progress| boolean(&layer, &[&added], Operation::Union, progress));
+    progress.check()?;
+    Ok(patched.map_or(layer, |patched| {
+        let bubble = half.powi(3);
+        keep_components(&patched, |_, volume| bubble <= volume.abs())
+    }))
+}
+
+/// Returns the volume within `thickness` mm of the given faces of a mesh where `depths` are positive, with the attributes of the mesh.
+fn added(
+    mesh: &Mesh,
+    (tree, faces): (&TriangleTree, &[u32]),
+    thickness: f64,
+    depths: &(dyn Fn(&[Point3<f64>]) -> Vec<f64> + Sync),
+    progress: &Progress<'_>,
+) -> Result<Mesh, Error> {
+    let size = (DISTANCE_FACTOR * thickness, CELLS);
+    let added = offset_surface(&mesh.select(faces), size, Clip::Depths(depths), progress)?;
+    Ok(transfer_attributes(mesh, tree, added)?.with_frame(mesh.frame().copied()))
+}
+
+/// Returns the bits of the positions of all vertices of a mesh.
+fn positions(mesh: &Mesh) -> BTreeSet<[u64; 3]> {
+    mesh.faces().corners().iter().map(|&it| bits(&mesh.positions()[it as usize])).collect()
+}
+
+fn bits(at: &Point3<f64>) -> [u64; 3] {
+    <[f64; 3]>::from(at.coords).map(f64::to_bits)
+}
+
+/// Returns the mesh with those of its connected surfaces for which `is_kept` is true. It is called with the vertices of a surface, and the
+/// volume inside of it in mm^3, which is negative around a cavity.
+fn keep_components(mesh: &Mesh, is_kept: impl Fn(&[u32], f64) -> bool) -> Mesh {
+    let mut sets = UnionFind::new(mesh.positions().len());
+    for face in mesh.faces().iter() {
+        face[1..].iter().for_each(|&vertex| sets.union(face[0], vertex));
+    }
+    let (labels, firsts) = sets.into_labels();
+    let (mut vertices, mut faces) =
+        (vec![Vec::new(); firsts.len()], vec![Vec::new(); firsts.len()]);
+    for (vertex, &label) in labels.iter().enumerate() {
+        vertices[label as usize].push(vertex as u32);
+    }
+    for (number, face) in (0..).zip(mesh.faces().iter()) {
+        faces[labels[face[0] as usize] as usize].push(number);
+    }
+    let mut kept = Vec::with_capacity(mesh.faces().len());
+    for (vertices, faces) in vertices.iter().zip(faces).filter(|it| !it.1.is_empty()) {
+        let part = mesh.select(&faces);
+        if is_kept(vertices, volume(&part, part.positions()[0])) {
+            kept.extend(faces);
+        }
+    }
+    kept.sort_unstable();
+    mesh.select(&kept)
+}
