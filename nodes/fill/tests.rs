@@ -19,8 +19,8 @@ mod intersections;
 mod odd_holes;
 mod pictures;
 mod published;
-mod smooth_cuts;
 mod relief;
+mod smooth_cuts;
 
 const PLAIN: [FillMethod; 4] =
     [FillMethod::Flat, FillMethod::Membrane, FillMethod::ThinPlate, FillMethod::CreaseAware];
