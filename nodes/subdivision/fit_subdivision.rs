@@ -23,10 +23,11 @@ mod surroundings;
 /// Fits a Loop subdivision surface to points by moving its control points.
 ///
 /// Start with a dense mesh of the points, reduced by `Simplify` or, with even triangles, by `Remesh`. Smoothing acts across the surface
-/// only; control points do not move where the surface would fold over. Creases and borders stay sharp, so that the surface is piecewise
-/// smooth. With `moves: ByEnergy()` the faces change, too: vertices are removed where the surface is simple and added where it is not,
-/// edges become sharp or smooth as the scan requires, and a smooth part that would fold at the corner of a hole is divided by a sharp edge.
-/// Points farther from the mesh than two edges of the control mesh are ignored: they belong to parts that the mesh does not have.
+/// only. Where the surface would fold over, control points stay near their start. Creases and borders stay
+/// sharp, so that the surface is piecewise smooth. With `moves: ByEnergy()` the faces change, too: vertices are removed where the surface
+/// is simple and added where it is not, edges become sharp or smooth as the scan requires, and a smooth part that would fold at the corner
+/// of a hole is divided by a sharp edge. Points farther from the mesh than two edges of the control mesh are ignored: they belong to parts
+/// that the mesh does not have.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FitSubdivision {
     /// Control mesh to start with, of triangles.

@@ -68,7 +68,7 @@ impl Trace {
     /// # Errors
     /// If an energy is negative or NaN.
     pub fn with_bending(self, bending: Vec<f64>) -> Result<Self, TraceError> {
-        match bending.iter().find(|energy| !(**energy >= 0.0)) {
+        match bending.iter().find(|energy| energy.is_nan() || **energy < 0.0) {
             None => Ok(Self { bending, ..self }),
             Some(energy) => Err(TraceError(format!("a bending energy is {energy}"))),
         }

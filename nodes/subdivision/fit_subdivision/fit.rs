@@ -25,6 +25,9 @@ pub struct FittedSubdivision {
     pub folds: Vec<u32>,
 }
 
+/// The number of iterations, after the surface has folded, in which it must not fold.
+const GUARDED_ROUNDS: u32 = 4;
+
 /// The fit ends with the first iteration that reduces the mean distance by less than this fraction.
 pub(super) const MIN_GAIN: f64 = 1e-3;
 
@@ -39,7 +42,8 @@ pub(super) const MIN_GAIN: f64 = 1e-3;
 /// crease) this distance is compared with that in `mesh` and not with 0, because the mean of the neighbors of long thin triangles is far
 /// away in their plane.
 ///
-/// Control points do not move where the surface would fold.
+/// If the surface folds at the end, control points around the folds return to their positions in `mesh`, and a few more iterations follow
+/// in which control points do not move where the surface would fold.
 ///
 /// # Errors
 /// If a face is not a triangle, the mesh is not manifold, no point is near the mesh, or the evaluation is cancelled.
@@ -81,12 +85,14 @@ impl Fit<'_> {
             None => tangential_laplacian(mesh, &stiffness),
             Some(_) => vec![[0.0; 3]; stiffness.len()],
         };
+        // The guard hinders the fit, so it acts only from the round in which the surface has folded.
+        let (mut is_guarded, mut last) = (self.scan.is_some(), self.iterations);
         let reach = 2.0 * mean_edge(mesh);
-        let mut mesh = mesh.clone();
+        let (start, mut mesh) = (mesh, mesh.clone());
         let mut before = f64::INFINITY;
-        for iteration in 0..=self.iterations {
+        for iteration in 0.. {
             match self.scan {
-                None => progress.tick(f64::from(iteration) / f64::from(self.iterations.max(1)))?,
+                None => progress.tick((f64::from(iteration) / f64::from(last.max(1))).min(1.0))?,
                 Some(_) => progress.check()?,
             }
             let fine = surface.surface(mesh.positions())?;
@@ -101,8 +107,13 @@ impl Fit<'_> {
             let has_settled = before - rms < MIN_GAIN * before;
             before = rms;
             self.steps.push(TraceStep { iteration: self.steps.len() as u64, max, rms });
-            if has_settled || iteration == self.iterations {
-                return Ok((mesh, feet.nearest));
+            if has_settled || iteration == last {
+                if is_guarded || self.iterations == 0 || folds(&fine, LEVELS).is_empty() {
+                    return Ok((mesh, feet.nearest));
+                }
+                (is_guarded, last, before) = (true, iteration + GUARDED_ROUNDS, f64::INFINITY);
+                mesh = move_without_folding(&surface, start, mesh.positions().to_vec())?;
+                continue;
             }
             let share = feet.points.len() as f64 / mesh.positions().len() as f64;
             if let Some(scan) = self.scan {
@@ -111,7 +122,10 @@ impl Fit<'_> {
             let weight = self.smoothing * share;
             let system = System::new(&surface, &feet, &stiffness, &targets, weight);
             let found = system.solve(mesh.positions(), progress)?;
-            mesh = move_without_folding(&surface, &mesh, found)?;
+            mesh = match is_guarded {
+                false => mesh.with_positions(found)?,
+                true => move_without_folding(&surface, &mesh, found)?,
+            };
         }
         unreachable!("the last iteration returns")
     }

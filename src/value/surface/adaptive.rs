@@ -385,7 +385,7 @@ struct Vertex {
 
 /// Returns true if a position is at the end of a span where the surface has only one point.
 fn is_pole(is_pole_at: &[bool], at: u32) -> bool {
-    at % SPAN == 0 && is_pole_at[(at / SPAN) as usize]
+    at.is_multiple_of(SPAN) && is_pole_at[(at / SPAN) as usize]
 }
 
 /// The maximum of `height` and the distances of the samples of a line from the chord of that line. A distance of NaN counts as the maximum.

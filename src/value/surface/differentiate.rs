@@ -89,7 +89,7 @@ impl Surface {
     pub fn normal(&self, u: f64, v: f64) -> Option<Unit<Vector3<f64>>> {
         let here = self.derivatives(u, v);
         let slopes = [self.u.basis_derivative(u, 1), self.v.basis_derivative(v, 1)];
-        let error = (NOISE * here.point.coords.norm()).hypot(POLE * self.extent(&slopes));
+        let error = libm::hypot(NOISE * here.point.coords.norm(), POLE * self.extent(&slopes));
         let [noise_u, noise_v] = slopes.map(|slopes| steepness(&slopes) * error);
         let both = noise_u < here.u.norm() && noise_v < here.v.norm();
         if let Some(normal) = both.then(|| normal(here.u, here.v)).flatten() {

@@ -228,7 +228,7 @@ fn crossings_after_motion(
         order
     };
     let first = solids[0].0.len();
-    let corners: Vec<_> = solids.iter().flat_map(|it| &it.0).map(|it| motion(it)).collect();
+    let corners: Vec<_> = solids.iter().flat_map(|it| &it.0).map(&motion).collect();
     let faces: Vec<[u32; 3]> = solids[0]
         .1
         .iter()
