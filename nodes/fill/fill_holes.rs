@@ -338,7 +338,7 @@ impl MeshBorder {
         for (&vertex, is_cut) in zipped.vertices.iter().zip(is_cut) {
             is_cut_now[vertex as usize] |= is_cut;
         }
-        let all = MeshBorder::new(&zipped.mesh, &HoleChoice::All, &is_cut_now)?;
+        let all = Self::new(&zipped.mesh, &HoleChoice::All, &is_cut_now)?;
         if matches!(holes, HoleChoice::All) {
             return Ok(Some((zipped, all)));
         }

@@ -2,7 +2,9 @@
 //!
 //! `Texture` does not implement `update`: `Bound` computes nothing, and the window of `Planar` depends on the bounds of all vertices.
 
-use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer, bail};
+use maquette_base::linear::membrane::Membrane;
+use maquette_base::tree::Tree;
+use maquette_node::{Carry, Context, Error, In, Node, Progress, Promise, Transfer, bail};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, CaptureFrame, Image, Mesh, RangeImage};
 use nalgebra::Point3;
@@ -16,7 +18,9 @@ pub struct Texture {
     pub mesh: In<Mesh>,
     /// The picture.
     pub image: In<Image>,
-    /// The unmodified capture, from which `Planar` takes extents and camera; if omitted, those of the mesh.
+    /// The unmodified capture, from which `Planar` takes extents and camera; if omitted, those of the mesh. Where the mesh is farther from
+    /// the capture than four times its spacing, as on a nose that has grown, texture coordinates are continued from the surroundings (a
+    /// discrete harmonic map), so that the picture sticks to what it shows.
     pub range: Option<In<RangeImage>>,
     /// Mapping from vertices to texture coordinates.
     #[serde(default)]
@@ -66,7 +70,13 @@ impl Node for Texture {
                 size[0], size[1], picture[0], picture[1]
             ));
         }
-        Ok((texture(mesh, image, range, self.mapping)?,))
+        let textured = texture(mesh, image, range, self.mapping)?;
+        Ok((match (range, self.mapping) {
+            (Some(range), Mapping::Planar { .. }) => {
+                without_projection_onto_others(textured, range, cx.progress())?
+            }
+            _ => textured,
+        },))
     }
 }
 
@@ -101,6 +111,48 @@ pub fn texture(
         }
     };
     Ok(mapped.with_texture(Some(image.clone())))
+}
+
+/// The distance from the points of a capture, in multiples of their spacing, up to which a surface is what the capture shows.
+const SEEN: f64 = 4.0;
+
+/// Replaces the texture coordinates `uv` of vertices that are far from the points of the capture: a projection would show on them whatever
+/// lies behind. Parts that are nowhere near a point keep theirs.
+fn without_projection_onto_others(
+    mesh: Mesh,
+    range: &RangeImage,
+    progress: &Progress<'_>,
+) -> Result<Mesh, Error> {
+    let points: Vec<_> = (0..range.points().len()).filter_map(|cell| range.point(cell)).collect();
+    let (Some(uv), Some(spacing)) = (mesh.vertex().pairs("uv"), spacing(range)) else {
+        return Ok(mesh);
+    };
+    let tree = Tree::new(&points);
+    let mut known: Vec<Option<[f64; 3]>> = mesh
+        .positions()
+        .par_iter()
+        .with_min_len(1024)
+        .zip(uv.par_iter())
+        .map(|(at, uv)| tree.nearest(at, SEEN * spacing).map(|_| [uv[0], uv[1], 0.0]))
+        .collect();
+    let is_unknown: Vec<bool> = known.iter().map(Option::is_none).collect();
+    Membrane::around(&mesh, |vertex| is_unknown[vertex as usize]).fill(&mut known, progress)?;
+    let continued: Vec<[f64; 2]> = known
+        .iter()
+        .zip(uv.iter())
+        .map(|(known, projected)| known.map_or(*projected, |it| [it[0], it[1]]))
+        .collect();
+    Ok(mesh.with_vertex("uv", Attribute::Pair(continued.into()))?)
+}
+
+/// Returns the median distance of neighboring points in the rows of a range image; `None` without neighbors.
+fn spacing(range: &RangeImage) -> Option<f64> {
+    let cells = (1..range.points().len()).filter(|cell| cell % range.width() != 0);
+    let mut distances: Vec<f64> = cells
+        .filter_map(|cell| Some((range.point(cell)? - range.point(cell - 1)?).norm()))
+        .collect();
+    let middle = distances.len() / 2;
+    (!distances.is_empty()).then(|| *distances.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// The part of the object's x-y plane that a picture covers.
@@ -230,6 +282,40 @@ mod tests {
             .unwrap()
             .with_camera(camera)
             .with_registration(map)
+    }
+
+    #[test]
+    fn what_has_grown_keeps_the_picture_of_its_surroundings() {
+        let range = capture(None);
+        let has_grown = |cell: usize| {
+            let [column, row] = [cell % 40, cell / 40];
+            (14..26).contains(&column) && (14..26).contains(&row)
+        };
+        // The square in the middle has moved towards the sensor and sideways, in front of other parts.
+        let positions = (0..1600).map(|cell| {
+            let at = range.points()[cell];
+            if has_grown(cell) { at + nalgebra::Vector3::new(60., 0., -80.) } else { at }
+        });
+        let cells = (0..1560_u32).filter(|cell| cell % 40 != 39);
+        let faces = cells.flat_map(|k| [[k, k + 40, k + 41], [k, k + 41, k + 1]]);
+        let mesh =
+            Mesh::new(positions.collect::<Vec<_>>(), Faces::triangles(faces.collect())).unwrap();
+        let before =
+            planar(&mesh.with_positions(range.points().to_vec()).unwrap(), Some(&range), (0., 0.));
+        let mapping = Mapping::Planar { scale: (0., 0.) };
+        let projected = texture(&mesh, &picture(4, 4), Some(&range), mapping).unwrap();
+        let progress = Progress::silent();
+        let found = without_projection_onto_others(projected.clone(), &range, &progress).unwrap();
+        let [projected, found] =
+            [&projected, &found].map(|it| it.vertex().pairs("uv").unwrap().clone());
+        for cell in 0..1600 {
+            let off = (0..2).map(|k| (found[cell][k] - before[cell][k]).abs()).fold(0., f64::max);
+            if has_grown(cell) {
+                assert!(off < 0.1 && (projected[cell][0] - before[cell][0]).abs() > 0.2, "{off}");
+            } else {
+                assert_eq!(found[cell], projected[cell]);
+            }
+        }
     }
 
     // The picture must be upright, and agree with the registration within a few pixels.

@@ -16,7 +16,7 @@ pub struct PointNet {
     #[schemars(extend("unit" = "mm"))]
     pub points: Vec<Vec<[f64; 3]>>,
     /// The weight of each point, greater than 0: a list of rows, as `points`. Empty means 1 for all.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub weights: Vec<Vec<f64>>,
 }
 

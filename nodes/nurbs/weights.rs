@@ -32,7 +32,7 @@ pub struct Weights {
     #[serde(default)]
     pub columns: Vec<f64>,
     /// Factor for each control point, greater than 0: a list of rows, as the net has; empty means 1.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub points: Vec<Vec<f64>>,
     /// Factor for every point whose cell is in `region`.
     #[schemars(range(min = 0.0, max = 1000.0))]

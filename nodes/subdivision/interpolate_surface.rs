@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::solve::control_points::control_points;
 use super::solve::extent::absolute_tolerance;
 use super::solve::geometric::{FootPoint, FootSearch, Perpendicular};
-use super::solve::interpolation::{Foot, Interpolation};
+use super::solve::interpolation::{Direction, Foot, Interpolation, Solver};
 use super::solve::limit_matrix::LimitMatrix;
 use super::solve::solution::InterpolationResult;
 
@@ -70,6 +70,9 @@ impl Node for InterpolateSurface {
 /// If all points of the first or last row or column coincide within the tolerance, the row or column is a pole. Its control points are then
 /// one point, which they share exactly, because control points that differ by the tolerance would turn normals over.
 ///
+/// Some points have several surfaces with `foot: Closest`. If the control points of the one found are farther outside of the points' bounding
+/// box than its diagonal, the surface of `foot: Vertex` is returned instead, which swings least.
+///
 /// # Errors
 /// If there are fewer points than the order, rows or columns coincide, the solver does not support the foot and direction, or the
 /// evaluation is cancelled.
@@ -96,11 +99,25 @@ pub fn interpolate_surface(
             LimitMatrix { rows: surfaces.collocation(), blocks, scale: None }
         },
     )?;
-    solution
+    let found = solution
         .ok_or_else(|| surfaces.undetermined())?
         .outcome
-        .try_map(&points, |control| surfaces.surface(control))
+        .try_map(&points, |control| surfaces.surface(control))?;
+    if found.reach <= MAX_REACH || options.is_linear() {
+        return Ok(found);
+    }
+    let linear = Interpolation {
+        foot: Foot::Vertex,
+        direction: Direction::Residual,
+        solver: Solver::Direct,
+        ..*options
+    };
+    let other = interpolate_surface(net, order, &linear, progress)?;
+    Ok(if other.settled { InterpolationResult { trace: found.trace, ..other } } else { found })
 }
+
+/// The distance of control points from the bounding box of the points, relative to its diagonal, beyond which the linear problem is solved.
+const MAX_REACH: f64 = 1.0;
 
 /// The points of a net whose poles are single points, and a flag for each point: true if the point belongs to a pole.
 struct Poles {
@@ -432,7 +449,7 @@ mod tests {
                 let how = Interpolation { solver, tolerance, ..Interpolation::default() };
                 let found = interpolate_net(net, [4, 4], &how);
                 assert!(found.settled);
-                let mesh = found.shape.tessellate(30, 60).unwrap();
+                let mesh = found.shape.tessellate_open(30, 60).unwrap();
                 let normals = mesh.vertex().vectors("normal").unwrap();
                 // Every vertex has the side of the normals of its row: outside, seen from the axis halfway up.
                 for (k, (point, normal)) in mesh.positions().iter().zip(normals.iter()).enumerate()

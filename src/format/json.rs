@@ -332,8 +332,8 @@ mod tests {
             &Trace::default().with_bending(vec![0.5, f64::INFINITY]).unwrap(),
             expect![[r#"
                 {
-                  "bending": [0.5, null],
-                  "steps": []
+                  "steps": [],
+                  "bending": [0.5, null]
                 }
             "#]],
         );

@@ -156,7 +156,7 @@ impl Value {
         let kind = if size.is_some() { Representation::Fitted } else { Representation::Native };
         let size = size.unwrap_or(View::front().size);
         check_room(size[0].saturating_mul(size[1]).saturating_mul(BYTES_PER_PIXEL))?;
-        let view = View { size, yaw, pitch, zoom, projection, aim: None };
+        let view = View { size, yaw, pitch, zoom, projection, ..View::front() };
         let look = Look { view, representation: kind, backdrop: None };
         let value = self.value.clone();
         let drawn = until_signal(py, move || picture(&value.show(), &look).map(AnyValue::new))?;

@@ -291,9 +291,9 @@ impl<'a> Border<'a> {
                 while low + 1 < high {
                     let middle = usize::midpoint(low, high);
                     if faces.first_corner(middle) <= corner as usize {
-                        low = middle
+                        low = middle;
                     } else {
-                        high = middle
+                        high = middle;
                     }
                 }
                 low

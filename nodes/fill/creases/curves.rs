@@ -378,7 +378,7 @@ fn spline(a: &LocalFit, b: &LocalFit) -> Option<(Vec<Point3<f64>>, f64)> {
         let bending = third.sum::<f64>() / (SPLINE_POINTS + 1) as f64 / (length * length);
         length = points.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
         result = Some((points, bending));
-        if !(length < 4.0 * chord.norm()) {
+        if length.is_nan() || length >= 4.0 * chord.norm() {
             return None;
         }
     }

@@ -175,7 +175,7 @@ fn curved_creases_go_on_over_gaps() {
         let Member { noise, gap, .. } = member(number);
         let [away, missed] = crease_errors(number);
         // The position of a curve beyond the data is known less well than that of a point.
-        let uncertainty = noise * (gap / (360.0 - gap)).powi(2).max(1.0);
+        let uncertainty = noise * (gap * gap / ((360.0 - gap) * (360.0 - gap))).max(1.0);
         assert!(away <= 0.1 + 2.0 * uncertainty, "{number}: the crease is {away} away");
         assert!(missed <= 0.8, "{number}: {missed} from the crease there is none");
     }

@@ -12,7 +12,12 @@ fn relief(number: u64, x: f64, y: f64) -> f64 {
         libm::cos(std::f64::consts::TAU * (x * cosine + y * sine) / length)
     };
     match number % 3 {
-        0 => height * (wave(0.0, length) + wave(1.0471975512, length) + wave(2.0943951024, length)),
+        0 => {
+            height
+                * (wave(0.0, length)
+                    + wave(std::f64::consts::FRAC_PI_3, length)
+                    + wave(2.0 * std::f64::consts::FRAC_PI_3, length))
+        }
         1 => height * (wave(0.0, length) + wave(std::f64::consts::FRAC_PI_2, length)),
         _ => 2.0 * height * wave(0.0, length),
     }

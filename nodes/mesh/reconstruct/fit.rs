@@ -132,9 +132,11 @@ fn untangle(
 /// Returns the stiffness of the springs along edges, so that it averages more points where they have more noise.
 fn stiffness(pieces: &Pieces, edge: f64) -> f64 {
     let noise = pieces.noise / edge;
-    let per_vertex = (edge / pieces.distance).powi(2);
+    let ratio = edge / pieces.distance;
+    let per_vertex = ratio * ratio;
     // The solution averages points over an area of about 12 squared edges times the stiffness: the mean of the membrane's Green's function.
-    STIFFNESS + (30.0 * noise).powi(2) / (12.0 * per_vertex)
+    let noise = 30.0 * noise;
+    STIFFNESS + noise * noise / (12.0 * per_vertex)
 }
 
 /// Returns the positions of the points, and their normals and weights. The weights around a vertex add up to about 1.

@@ -44,7 +44,7 @@ impl<'a> Behind<'a> {
         let mut of_vertices = vec![Vector3::zeros(); positions.len()];
         let mut out_of_vertices = of_vertices.clone();
         let mut border = Vec::new();
-        for face in 0..faces.len() {
+        for (face, normal) in of_faces.iter().enumerate() {
             let (corners, first) = (faces.face(face), faces.first_corner(face));
             for (k, &vertex) in corners.iter().enumerate() {
                 let at = positions[vertex as usize];
@@ -53,11 +53,11 @@ impl<'a> Behind<'a> {
                 let last =
                     positions[corners[(k + corners.len() - 1) % corners.len()] as usize] - at;
                 let angle = libm::atan2(next.cross(&last).norm(), next.dot(&last));
-                of_vertices[vertex as usize] += of_faces[face] * angle;
+                of_vertices[vertex as usize] += normal * angle;
                 let edge = edges.of_corner[first + k] as usize;
-                of_edges[edge] += of_faces[face];
+                of_edges[edge] += normal;
                 if edges.faces[edge] == 1 {
-                    let out = unit(next.cross(&of_faces[face]));
+                    let out = unit(next.cross(normal));
                     out_of_edges[edge] = out;
                     [vertex, end].iter().for_each(|&it| out_of_vertices[it as usize] += out);
                     border.extend([at, at + next, at + next]);

@@ -104,7 +104,7 @@ pub(super) fn one_sided(
     let is_surface = positions(mesh);
     Ok(match patched {
         Ok(patched) if positions(&patched).is_superset(&is_surface) => {
-            let bubble = (thickness / 2.0).powi(3);
+            let bubble = thickness * thickness * thickness / 8.0;
             keep_components(&patched, |vertices, volume| {
                 let mut places = vertices.iter().map(|&it| bits(&patched.positions()[it as usize]));
                 bubble <= volume.abs() || places.any(|it| is_surface.contains(&it))
@@ -159,7 +159,7 @@ pub(super) fn two_sided(
         progress.part(0.8..1.0, |progress| boolean(&layer, &[&added], Operation::Union, progress));
     progress.check()?;
     Ok(patched.map_or(layer, |patched| {
-        let bubble = half.powi(3);
+        let bubble = half * half * half;
         keep_components(&patched, |_, volume| bubble <= volume.abs())
     }))
 }

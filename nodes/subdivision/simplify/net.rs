@@ -66,9 +66,9 @@ impl Eq for Collapse {}
 /// The triangles of a mesh during the simplification.
 pub(super) struct Net {
     positions: Vec<Point3<f64>>,
-    /// The center of the bounding box. The quadrics are functions of the position relative to it: their rounding errors grow with the square
-    /// of the distance from their origin.
-    center: Point3<f64>,
+    /// The point to which positions in quadrics are relative. Their rounding errors grow with the square of the distance from it, so it is
+    /// near the mesh. It is on none of the planes, so that a quadric can tell its own rounding errors.
+    origin: Point3<f64>,
     quadrics: Vec<Quadric>,
     /// The version of each vertex: the number of collapses in which the vertex was an end of the collapsed edge.
     versions: Vec<u32>,
@@ -106,7 +106,7 @@ impl Net {
         }
         let (low, high) = mesh.bounds().unwrap_or_default();
         let diagonal = (high - low).norm();
-        let center = center(&low, &high);
+        let origin = low - diagonal * Vector3::new(0.71, 0.83, 0.97);
         let n_faces = triangles.len();
         let mut net = Self {
             quadrics: vec![Quadric::default(); positions.len()],
@@ -115,9 +115,9 @@ impl Net {
             sharp: vec![Vec::new(); positions.len()],
             min_area: MIN_AREA * diagonal * diagonal,
             merges: Vec::new(),
-            wedges: Wedges::new(mesh, center, &triangles, &corners),
+            wedges: Wedges::new(mesh, origin, &triangles, &corners),
             positions,
-            center,
+            origin,
             triangles,
             parents,
             n_faces,
@@ -132,7 +132,7 @@ impl Net {
         for triangle in self.triangles.clone() {
             let area = self.area(triangle);
             if let Some(normal) = area.try_normalize(0.0) {
-                let first = self.positions[triangle[0] as usize] - self.center;
+                let first = self.positions[triangle[0] as usize] - self.origin;
                 let plane = Quadric::plane(normal, first, area.norm() / 2.0);
                 triangle.iter().for_each(|&vertex| self.quadrics[vertex as usize] += plane);
             }
@@ -204,7 +204,7 @@ impl Net {
     /// Adds to the cost functions planes through an edge, each perpendicular to one of the edge's faces, with the given weight.
     fn add_border_planes(&mut self, [a, b]: [u32; 2], weight: f64) {
         let along = self.positions[b as usize] - self.positions[a as usize];
-        let at = self.positions[a as usize] - self.center;
+        let at = self.positions[a as usize] - self.origin;
         let faces = self.around[a as usize].iter().map(|&face| self.triangles[face as usize]);
         let faces: Vec<_> = faces.filter(|face| face.contains(&b)).collect();
         for face in faces {
@@ -270,13 +270,13 @@ impl Net {
             [false, false] => match quadric.minimum() {
                 // If costs are equal the first candidate wins. The ends of the edge come before the minimum, because they are exactly on
                 // the surface.
-                Some(lowest) => vec![first, second, self.center + lowest],
+                Some(lowest) => vec![first, second, self.origin + lowest],
                 None => vec![center(&first, &second), first, second],
             },
         };
         let costs = positions
             .into_iter()
-            .map(|position| (quadric.evaluate(position - self.center), position));
+            .map(|position| (quadric.evaluate(position - self.origin), position));
         let (cost, position) = costs.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let versions = ends.map(|end| self.versions[end as usize]);
         let length_sq = (second - first).norm_squared();

@@ -38,11 +38,11 @@ struct MixedWedge {
 pub(super) type Side = [u32; 2];
 
 impl Wedges {
-    /// Finds the wedges of a mesh that was cut into triangles. Quadrics are relative to `center`. `corners` has for each triangle its corners
+    /// Finds the wedges of a mesh that was cut into triangles. Quadrics are relative to `origin`. `corners` has for each triangle its corners
     /// in the input mesh. Returns `None` if the mesh has no corner attributes other than normals, which are dropped.
     pub(super) fn new(
         mesh: &Mesh,
-        center: Point3<f64>,
+        origin: Point3<f64>,
         triangles: &[[u32; 3]],
         corners: &[[u32; 3]],
     ) -> Option<Self> {
@@ -73,7 +73,7 @@ impl Wedges {
             mixes: Vec::new(),
         };
         if let Some(uv) = mesh.corner().pairs("uv") {
-            wedges.measure(mesh, center, triangles, corners, uv);
+            wedges.measure(mesh, origin, triangles, corners, uv);
         }
         Some(wedges)
     }
@@ -83,7 +83,7 @@ impl Wedges {
     fn measure(
         &mut self,
         mesh: &Mesh,
-        center: Point3<f64>,
+        origin: Point3<f64>,
         triangles: &[[u32; 3]],
         corners: &[[u32; 3]],
         uv: &[[f64; 2]],
@@ -116,7 +116,7 @@ impl Wedges {
                 let slope = (ac.cross(&normal) * (b - a) + normal.cross(&ab) * (c - a)) / square;
                 let linear = Linear::new(
                     slope,
-                    a - slope.dot(&(positions[0] - center)),
+                    a - slope.dot(&(positions[0] - origin)),
                     square.sqrt() / 2.0,
                 );
                 wedges.iter().for_each(|&wedge| self.textures[wedge as usize][axis].add(&linear));

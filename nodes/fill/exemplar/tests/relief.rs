@@ -17,7 +17,10 @@ fn relief(kind: u64, length: f64, turn: f64, x: f64, y: f64) -> f64 {
         // The crests are `length` apart.
         0 => {
             let rows = length * 0.75_f64.sqrt();
-            0.12 * length * (wave(0.0, rows) + wave(1.0471975512, rows) + wave(2.0943951024, rows))
+            0.12 * length
+                * (wave(0.0, rows)
+                    + wave(std::f64::consts::FRAC_PI_3, rows)
+                    + wave(2.0 * std::f64::consts::FRAC_PI_3, rows))
         }
         _ => 0.15 * length * (wave(0.0, length) + wave(std::f64::consts::FRAC_PI_2, length)),
     }

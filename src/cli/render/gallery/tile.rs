@@ -190,7 +190,7 @@ mod tests {
     fn sheet(height: f64) -> Mesh {
         let positions = (0..441).map(|k| {
             let [x, y] = [k % 21, k / 21].map(f64::from);
-            let square = (x - 5.0).powi(2) + (y - 5.0).powi(2);
+            let square = (x - 5.0) * (x - 5.0) + (y - 5.0) * (y - 5.0);
             Point3::new(x, y, height * (1.0 - square / 9.0).max(0.0))
         });
         let cells = (0..400).map(|k| k / 20 * 21 + k % 20);
