@@ -1,9 +1,8 @@
 //! The origin of the coordinates in which scans are registered.
 
 use maquette_scan::Scan;
+use maquette_value::bounds;
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
-
-use super::cloud::bounds;
 
 /// The origin of local coordinates, for scans in the coordinates of a map or a building.
 #[derive(Clone, Copy, Debug, Default)]
@@ -16,7 +15,8 @@ impl LocalOrigin {
     /// Returns the center of a scan that is far from the origin, and otherwise the origin itself. Differences of coordinates from such a
     /// center are exact, because the numbers differ by a small fraction.
     pub(super) fn new(scan: &Scan) -> Self {
-        let (low, high) = bounds(scan.positions().iter().filter(|point| !point.x.is_nan()));
+        let points = scan.positions().iter().filter(|point| !point.x.is_nan());
+        let (low, high) = bounds(points).unwrap_or_default();
         let center = nalgebra::center(&low, &high).coords;
         let is_far = center.norm() > NEAR * (high - low).norm() && center.norm().is_finite();
         Self(if is_far { center } else { Vector3::zeros() })

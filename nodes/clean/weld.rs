@@ -44,7 +44,9 @@ impl Node for Weld {
         Promise::from("mesh", "NonEmpty", "mesh"),
     ];
 
-    const CARRIES: &'static [Carry] = &[Carry::uniform("mesh", "mesh", Transfer::Kept)];
+    // Texture coordinates and colors of vertices move to corners where joined vertices differ.
+    const CARRIES: &'static [Carry] =
+        &[Carry::uniform("mesh", "mesh", Transfer::Kept).excluding(&["uv", "color"])];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let bytes = cx.get(&self.mesh).faces().corners().len() as f64 * BYTES;

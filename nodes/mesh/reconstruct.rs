@@ -2,18 +2,19 @@
 
 use cells::Cube;
 use cloud::Cloud;
-use contour::{Skin, contour};
+use contour::contour;
 use maquette_base::scattered::Scattered;
 use maquette_node::{
     Carry, Context, Error, Estimate, In, Limit, Node, Progress, Promise, Transfer, bail,
 };
 use maquette_value::parallel::*;
-use maquette_value::{Attribute, CaptureFrame, Faces, Mesh, MeshError};
+use maquette_value::{Attribute, CaptureFrame, Mesh};
 use nalgebra::{Matrix4, Point3, Vector3};
+use pieces::Pieces;
 use poisson::Field;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use surfels::{Pyramid, Surfel, surfels};
+use surfels::{Pyramid, surfels};
 
 use super::common_frame::common_frame;
 use super::poses::{Poses, no_pose_error};
@@ -25,6 +26,7 @@ mod contour;
 mod doubts;
 mod fit;
 mod orient;
+mod pieces;
 mod poisson;
 mod relax;
 mod surfels;
@@ -229,7 +231,7 @@ fn reconstruct_with_warnings(
     let count: usize = sources.iter().map(count).sum();
     POINTS.check("the surface", count as f64)?;
     let cloud = Cloud::new(sources, &poses, options.normals == Normals::Given);
-    let pieces = Pieces::new(&cloud, options, progress)?;
+    let pieces = collect_pieces(&cloud, options, progress)?;
     let mut warnings = doubts::about_points(&pieces);
     let field = progress.part(0.3..0.7, |progress| {
         Field::solve(&pieces.pyramid, &pieces.surfels, options.screening, progress)
@@ -254,7 +256,8 @@ fn reconstruct_with_warnings(
             "no surface is left near the points: their normals are inconsistent, or `reach` or `spacing` is unsuitable for them"
         );
     }
-    let mesh = Mesh::new(skin.positions.clone(), faces(&skin, options.faces)?)?.with_frame(frame);
+    let mesh = Mesh::new(skin.positions.clone(), skin.faces(options.faces == FaceKind::Quads)?)?
+        .with_frame(frame);
     warnings.extend(doubts::about_parts(&mesh, &relax::parts(&skin)));
     let mesh = match &cloud.colors {
         Some(colors) => {
@@ -346,18 +349,6 @@ fn place_sources(
     Ok((vec![None; sources.len()], common_frame(&frames)))
 }
 
-/// The points of all sources, combined into surface elements.
-struct Pieces {
-    pyramid: Pyramid,
-    surfels: Vec<Surfel>,
-    /// Standard deviation of the points from their surface, in mm.
-    noise: f64,
-    /// Mean spacing of the points, in mm.
-    distance: f64,
-    /// The depth of the cells whose edges are as long as those of the result. The pyramid is finer than the result if the points are.
-    skin_depth: u32,
-}
-
 /// Minimum edge length of the grid's cells, in multiples of the points' spacing, if `spacing` is automatic. Shorter edges leave holes
 /// between the points, longer ones lose detail.
 const PER_DISTANCE: f64 = 1.25;
@@ -366,35 +357,38 @@ const PER_DISTANCE: f64 = 1.25;
 /// noise is larger than the spacing of the points, about a hundred points are then averaged.
 const PER_NOISE: f64 = 1.5;
 
-impl Pieces {
-    fn new(cloud: &Cloud, options: &Options, progress: &Progress<'_>) -> Result<Self, Error> {
-        let distance = check(&cloud.positions, options.skin)?;
-        progress.tick(0.02)?;
-        let given = options.spacing > 0.0;
-        let edge = if given { options.spacing } else { PER_DISTANCE * distance };
-        let mut halvings = if given { halvings(edge, FINEST * distance) } else { 0 };
-        let mut pyramid =
+/// Combines the points of all sources into surface elements.
+fn collect_pieces(
+    cloud: &Cloud,
+    options: &Options,
+    progress: &Progress<'_>,
+) -> Result<Pieces, Error> {
+    let distance = check(&cloud.positions, options.skin)?;
+    progress.tick(0.02)?;
+    let given = options.spacing > 0.0;
+    let edge = if given { options.spacing } else { PER_DISTANCE * distance };
+    let mut halvings = if given { count_halvings(edge, FINEST * distance) } else { 0 };
+    let mut pyramid =
+        Pyramid::new(cloud, cube(&cloud.positions, edge, halvings)?, GAP * edge, progress)?;
+    progress.tick(0.06)?;
+    let (mut flat, mut noise) = pyramid.flat_depth();
+    let coarser = if given {
+        let noisy = count_halvings(edge, PER_NOISE * noise).min(halvings);
+        (noisy < halvings).then_some((edge, noisy))
+    } else {
+        (PER_NOISE * noise > 1.1 * edge).then_some((PER_NOISE * noise, 0))
+    };
+    if let Some((edge, fewer)) = coarser {
+        halvings = fewer;
+        pyramid =
             Pyramid::new(cloud, cube(&cloud.positions, edge, halvings)?, GAP * edge, progress)?;
-        progress.tick(0.06)?;
-        let (mut flat, mut noise) = pyramid.flat_depth();
-        let coarser = if given {
-            let noisy = self::halvings(edge, PER_NOISE * noise).min(halvings);
-            (noisy < halvings).then_some((edge, noisy))
-        } else {
-            (PER_NOISE * noise > 1.1 * edge).then_some((PER_NOISE * noise, 0))
-        };
-        if let Some((edge, fewer)) = coarser {
-            halvings = fewer;
-            pyramid =
-                Pyramid::new(cloud, cube(&cloud.positions, edge, halvings)?, GAP * edge, progress)?;
-            (flat, noise) = pyramid.flat_depth();
-        }
-        let mut surfels =
-            progress.part(0.1..0.2, |progress| surfels(&pyramid, cloud, flat, progress))?;
-        progress.part(0.2..0.3, |progress| orient::orient(&pyramid, &mut surfels, progress))?;
-        let skin_depth = pyramid.cube.depth - halvings;
-        Ok(Self { pyramid, surfels, noise, distance, skin_depth })
+        (flat, noise) = pyramid.flat_depth();
     }
+    let mut surfels =
+        progress.part(0.1..0.2, |progress| surfels(&pyramid, cloud, flat, progress))?;
+    progress.part(0.2..0.3, |progress| orient::orient(&pyramid, &mut surfels, progress))?;
+    let skin_depth = pyramid.cube.depth - halvings;
+    Ok(Pieces { pyramid, surfels, noise, distance, skin_depth })
 }
 
 /// Minimum distance of two sheets of the surface, in edges of the result.
@@ -404,7 +398,7 @@ const GAP: f64 = 0.6;
 const FINEST: f64 = 0.7;
 
 /// Returns the number of times that `edge` can be halved without getting shorter than `least`.
-fn halvings(edge: f64, least: f64) -> u32 {
+fn count_halvings(edge: f64, least: f64) -> u32 {
     (1..=MAX_DEPTH).take_while(|&k| edge >= least * f64::from(1_u32 << k)).count() as u32
 }
 
@@ -515,25 +509,4 @@ fn cube(positions: &[Point3<f64>], edge: f64, halvings: u32) -> Result<Cube, Err
         edge: edge / f64::from(1_u32 << halvings),
         depth: depth + halvings,
     })
-}
-
-/// Returns the faces of the result: the quads of `skin`, or two triangles for each quad, split along the shorter diagonal.
-fn faces(skin: &Skin, kind: FaceKind) -> Result<Faces, MeshError> {
-    if kind == FaceKind::Quads {
-        return Faces::uniform(4, skin.quads.concat());
-    }
-    fn position(vertex: u32, skin_positions: &[Point3<f64>]) -> Point3<f64> {
-        skin_positions[vertex as usize]
-    }
-    Ok(Faces::triangles(
-        skin.quads
-            .par_iter()
-            .flat_map_iter(|&[a, b, c, d]| {
-                let is_first = (position(a, &skin.positions) - position(c, &skin.positions))
-                    .norm_squared()
-                    <= (position(b, &skin.positions) - position(d, &skin.positions)).norm_squared();
-                if is_first { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] }
-            })
-            .collect(),
-    ))
 }

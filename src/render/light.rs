@@ -4,11 +4,20 @@ use std::sync::LazyLock;
 
 use maquette_value::{Rgb, linear_from_srgb, srgb_from_linear};
 
-use super::view::BackFaces;
 use super::{array3, array4, pad};
 
 /// The color of untextured surfaces: a warm light gray, sRGB (206, 199, 190).
 pub(super) const CLAY: Light = [0.617, 0.571, 0.515, 0.0];
+
+/// The color of the inner side of faces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BackFaces {
+    /// Red, so that faces with a wrong orientation are noticed.
+    #[default]
+    Marked,
+    /// A dark gray.
+    Neutral,
+}
 
 /// Returns the color of the inner side of faces: a dull red, sRGB (172, 66, 58), or a dark gray, sRGB (120, 117, 113).
 pub(super) fn back_face(color: BackFaces) -> Light {

@@ -7,8 +7,7 @@ use maquette_value::{Image, Material, Mesh, Rgb, Wrap};
 use nalgebra::Vector3;
 
 use super::camera::{Camera, ProjectedVertex};
-use super::light::{self, Light};
-use super::view::BackFaces;
+use super::light::{self, BackFaces, Light};
 use super::{array3, array4, pad};
 
 /// The number of vertices that one parallel task processes.

@@ -3,6 +3,7 @@
 use nalgebra::Point3;
 
 use super::flat::Backdrop;
+use super::light::BackFaces;
 
 /// The camera and the size of the picture. The whole scene fits into the picture, unless the view aims at a part of the scene.
 ///
@@ -24,16 +25,6 @@ pub struct View {
     pub aim: Option<Aim>,
     /// The color of the inner side of faces.
     pub back_faces: BackFaces,
-}
-
-/// The color of the inner side of faces.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum BackFaces {
-    /// Red, so that faces with a wrong orientation are noticed.
-    #[default]
-    Marked,
-    /// A dark gray.
-    Neutral,
 }
 
 /// The part of a scene that is shown in the middle of a picture. Positions are in mm, in the coordinate axes of the scene.

@@ -7,8 +7,8 @@ use maquette_value::parallel::*;
 use maquette_value::{Mesh, Rgb};
 use nalgebra::Point3;
 
-use super::Pieces;
 use super::cells::bell;
+use super::pieces::Pieces;
 use super::surfels::{Pyramid, place};
 
 /// Returns the color of each vertex. `is_supported` tells which vertices have points nearby; the others get the colors of a membrane in

@@ -10,6 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use maquette_node::{CancelledError, Error, Limit, Progress};
 use maquette_value::parallel::*;
+use maquette_value::{Faces, MeshError};
 use nalgebra::Point3;
 
 use super::cells::{CellIndex, Places};
@@ -26,6 +27,25 @@ pub(super) const FACES: Limit = Limit {
 pub(super) struct Skin {
     pub(super) positions: Vec<Point3<f64>>,
     pub(super) quads: Vec<[u32; 4]>,
+}
+
+impl Skin {
+    /// Returns the quads, or two triangles for each quad, split along the shorter diagonal.
+    pub(super) fn faces(&self, are_quads: bool) -> Result<Faces, MeshError> {
+        if are_quads {
+            return Faces::uniform(4, self.quads.concat());
+        }
+        let between = |a: u32, b: u32| {
+            (self.positions[a as usize] - self.positions[b as usize]).norm_squared()
+        };
+        let triangles = self.quads.par_iter().flat_map_iter(|&[a, b, c, d]| {
+            match between(a, c) <= between(b, d) {
+                true => [[a, b, c], [a, c, d]],
+                false => [[a, b, d], [b, c, d]],
+            }
+        });
+        Ok(Faces::triangles(triangles.collect()))
+    }
 }
 
 /// Returns the closed surface at which a function has the value [`super::poisson::SURFACE`], with one vertex in each cell of `depth` that it

@@ -2,7 +2,8 @@
 
 use maquette_value::Mesh;
 
-use super::{Pieces, orient};
+use super::orient;
+use super::pieces::Pieces;
 
 /// Minimum fraction of opposite normals of near points for a warning; normals with random signs have a half.
 const OPPOSED: f64 = 0.1;

@@ -13,8 +13,8 @@ use nalgebra::{Point3, Vector3};
 
 use super::cloud::Cloud;
 use super::contour::Skin;
+use super::pieces::Pieces;
 use super::relax::Neighbors;
-use super::{FaceKind, Pieces, faces};
 
 /// Number of rounds; each finds the nearest faces of the points again.
 const ROUNDS: usize = 5;
@@ -80,7 +80,7 @@ pub(super) fn fit(
     let stiffness = stiffness(pieces, edge);
     let mut missed = 0.0;
     for round in 0..ROUNDS {
-        let mesh = Mesh::new(skin.positions.clone(), faces(skin, FaceKind::Triangles)?)?;
+        let mesh = Mesh::new(skin.positions.clone(), skin.faces(false)?)?;
         let nearest = TriangleTree::new(&mesh).nearest_to_all(&points);
         missed = missed_fraction(&nearest, edge);
         let equations = equations(&mesh, &nearest, &points, &targets, edge);
@@ -103,7 +103,7 @@ fn untangle(
     progress: &Progress<'_>,
 ) -> Result<(), Error> {
     for round in 0..UNTANGLING_ROUNDS {
-        let mesh = Mesh::new(skin.positions.clone(), faces(skin, FaceKind::Triangles)?)?;
+        let mesh = Mesh::new(skin.positions.clone(), skin.faces(false)?)?;
         let crossing = mesh.crossings(|| progress.check())?;
         if crossing.is_empty() {
             break;

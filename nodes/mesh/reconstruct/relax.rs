@@ -6,8 +6,8 @@ use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
-use super::Pieces;
 use super::contour::Skin;
+use super::pieces::Pieces;
 use super::poisson::{Field, SURFACE};
 use super::surfels::place;
 

@@ -357,7 +357,7 @@ fn the_surface_of_any_function_is_manifold() {
         });
         let field = Field { cube, grids: grids.collect() };
         let skin = contour(&field, depth, &Progress::silent()).unwrap();
-        let mesh = Mesh::new(skin.positions.clone(), faces(&skin, FaceKind::Quads).unwrap());
+        let mesh = Mesh::new(skin.positions.clone(), skin.faces(true).unwrap());
         assert_eq!(topology(&mesh.unwrap()).1, 0);
     }
 }

@@ -17,7 +17,7 @@ const SAME_NORMAL: f64 = 1e-2;
 
 /// The distance from a pole at which its normal is taken, as a fraction of the domain. The normal differs by about as much from that at the
 /// pole, and the tangents are exact to ten digits.
-const BESIDE_POLE: f64 = 1e-6;
+const BESIDE_POLE: f64 = 5e-6;
 
 /// The minimum number of quads around a surface that is joined at its seam. Two would lie back to back.
 pub(super) const MIN_AROUND: usize = 3;
