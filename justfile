@@ -19,6 +19,10 @@ lint:
     cargo fmt --all --check
     cargo clippy --workspace --all-targets --features maquette-program/s3,maquette-tests/oracles -- -D warnings
 
+# The page of real captures, `docs/captures/README.md`, with its pictures. Needs ../shared/data.
+captures:
+    bash docs/captures/make
+
 # The doll of the README, seen from the front.
 doll:
     cargo run --release -- run graphs/doll.ron

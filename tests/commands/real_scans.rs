@@ -9,10 +9,11 @@ use crate::project::{self, Project};
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/scans");
 
-/// Makes a project with a graph and the scans that it reads, each in its own folder.
+/// Makes a project with a graph, whose path is relative to `GRAPHS`, and the scans that it reads, each in its own folder.
 fn project(graph: &str, scans: &[(&str, &Path)]) -> Project {
     let project = Project::with_files(&[("maquette.toml", "")]);
-    std::fs::copy(Path::new(GRAPHS).join(graph), project.folder().join(graph)).unwrap();
+    let graph = Path::new(GRAPHS).join(graph);
+    std::fs::copy(&graph, project.folder().join(graph.file_name().unwrap())).unwrap();
     for (name, from) in scans {
         let folder = project.folder().join(name);
         std::fs::create_dir(&folder).unwrap();
@@ -37,6 +38,19 @@ fn two_scans_of_a_bunny_become_a_solid() {
     let project = project("bunny.ron", &[("bunny", &scans)]);
     maquette(&project, &["run", "bunny.ron"]);
     assert!(project.folder().join("out/bunny/solid.3mf").is_file());
+}
+
+/// The expectations in the graphs are the test.
+#[test]
+fn captures_of_the_documentation_become_solids() {
+    for (name, data) in
+        [("pitcher", "ycb_pitcher"), ("bowl", "ycb_bowl"), ("bottles", "pcl_bottles")]
+    {
+        let Some(scan) = shared_folder(&format!("data/real/{data}")) else { return };
+        let project = project(&format!("../../docs/captures/{name}.ron"), &[(name, &scan)]);
+        maquette(&project, &["run", &format!("{name}.ron")]);
+        assert!(project.folder().join(format!("out/{name}/model.glb")).is_file());
+    }
 }
 
 /// One graph handles three scans of objects on tables, although the sensors and the files differ. Most of the cells with a depth show the
