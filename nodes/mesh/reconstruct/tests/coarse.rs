@@ -111,9 +111,3 @@ fn turned_points_make_a_turned_surface() {
     let Offsets { mean, rms } = offsets(&turned, &vertices);
     assert!(rms < 0.1 * 7.0 && mean.abs() < 0.05 * 7.0, "{mean} {rms}");
 }
-
-#[test]
-fn noise_does_not_roughen_a_coarse_surface() {
-    let mesh = skin(sphere(8000, 0.5), &Options { spacing: 8.0, ..Options::default() });
-    assert!((rms(&mesh, off_sphere)) < 0.05 * 8.0, "{}", rms(&mesh, off_sphere));
-}
