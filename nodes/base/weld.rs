@@ -8,17 +8,7 @@ use maquette_value::{Attribute, Mesh, MeshError};
 use places::places;
 
 pub use join::NO_PLACE;
-
-/// A mesh whose vertices were joined.
-#[derive(Clone, Debug)]
-pub struct WeldedMesh {
-    /// The joined mesh. Vertices and faces keep their order.
-    pub mesh: Mesh,
-    /// For each vertex before, its index in the joined mesh.
-    pub vertices: Vec<u32>,
-    /// The number of faces that are left out because they equal another one.
-    pub equal_faces: usize,
-}
+pub use rebuild::WeldedMesh;
 
 /// Joins the vertices of `mesh` that are at most `within` mm apart, along the borders where they meet. With `within: 0` only equal positions
 /// are joined. All vertices of a joined one take the position of the one with the lowest index.

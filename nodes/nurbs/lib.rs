@@ -18,6 +18,7 @@ mod net;
 mod nurbs;
 mod offset_net;
 mod point_net;
+mod point_weights;
 mod read_net;
 mod revolve;
 mod tessellate;

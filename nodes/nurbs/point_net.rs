@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::weights::point_weights;
+use super::point_weights::point_weights;
 
 /// Makes a control net from given points.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::grid::within::points_in_region;
+use super::point_weights::{not_positive, point_weights};
 
 /// Changes the weights of control points: how strongly they attract the surface.
 ///
@@ -82,36 +83,6 @@ fn check_positive(net: &value::ControlNet) -> Result<(), Error> {
         }
         None => Ok(()),
     }
-}
-
-fn not_positive(row: usize, column: usize, weight: f64) -> Error {
-    Error::new(format!(
-        "the weight of control point ({row}, {column}) is {weight}; expected a weight greater than 0"
-    ))
-}
-
-/// Returns the given rows of weights or factors as one list, for the points of `net` row by row.
-///
-/// # Errors
-/// Returns an error if there is not one number for each point, or a number is not greater than 0.
-pub(crate) fn point_weights(
-    net: &value::ControlNet,
-    weights: &[Vec<f64>],
-) -> Result<Vec<f64>, Error> {
-    if weights.len() != net.rows() {
-        bail!("{} rows of weights are given, the net has {} rows", weights.len(), net.rows());
-    }
-    for (row, weights) in weights.iter().enumerate() {
-        if weights.len() != net.columns() {
-            bail!("row {row} has {} weights, the net has {} columns", weights.len(), net.columns());
-        }
-        if let Some(column) =
-            weights.iter().position(|weight| !(*weight > 0.0 && weight.is_finite()))
-        {
-            return Err(not_positive(row, column, weights[column]));
-        }
-    }
-    Ok(weights.concat())
 }
 
 /// Returns the net with each weight multiplied by `all`, by its row's factor and by its column's factor; an empty list means factors of 1.

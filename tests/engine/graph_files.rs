@@ -318,7 +318,7 @@ fn a_missing_comma_and_a_missing_choice_are_named() {
         r#""doll": ReadMesh(path: "doll.obj"), "soft": Subdivide(mesh: "doll"),"#,
         r#""soft.ply": "soft""#,
         expect![[r#"
-            2:45-68 G005 Subdivide needs a field `scheme` (write `scheme: ..` with one of Loop, CatmullClark, DooSabin)
+            2:45-68 G005 Subdivide needs a field `scheme` (write `scheme: ..` with one of Loop, CatmullClark, DooSabin, Butterfly)
         "#]],
     );
 }

@@ -4,8 +4,18 @@ use std::collections::BTreeMap;
 
 use maquette_value::{Attribute, Faces, Mesh, MeshError};
 
-use super::WeldedMesh;
 use super::join::Joined;
+
+/// A mesh whose vertices were joined.
+#[derive(Clone, Debug)]
+pub struct WeldedMesh {
+    /// The joined mesh. Vertices and faces keep their order.
+    pub mesh: Mesh,
+    /// For each vertex before, its index in the joined mesh.
+    pub vertices: Vec<u32>,
+    /// The number of faces that are left out because they equal another one.
+    pub equal_faces: usize,
+}
 
 /// Builds the mesh after joining. Attributes of vertices for which `is_different` is true are moved to corners.
 pub(super) fn rebuild(
