@@ -115,7 +115,7 @@ pub fn align_all(
         pairs.extend((2 < count).then_some([0, count - 1]));
         pairs
     }
-    let search = |progress: &Progress<'_>| match by {
+    let start = progress.part(0.0..0.7, |progress| match by {
         Search::Features => Start::by_features(&clouds, &all_pairs(count), &|_, _| true, progress),
         Search::Neighbors => Start::by_features(&clouds, &neighbors(count), &|_, _| true, progress),
         Search::Nearest { reach, poses } => {
@@ -135,8 +135,7 @@ pub fn align_all(
                 progress,
             ),
         },
-    };
-    let start = progress.part(0.0..0.7, search)?;
+    })?;
     let frame = frame_of(scans[0]);
     progress.part(0.7..1.0, |progress| {
         align_from((&clouds, origin), start, frame.as_ref(), warn, progress)

@@ -4,10 +4,9 @@ mod join;
 mod places;
 mod rebuild;
 
+pub use join::NO_PLACE;
 use maquette_value::{Attribute, Mesh, MeshError};
 use places::places;
-
-pub use join::NO_PLACE;
 pub use rebuild::WeldedMesh;
 
 /// Joins the vertices of `mesh` that are at most `within` mm apart, along the borders where they meet. With `within: 0` only equal positions

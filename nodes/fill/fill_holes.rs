@@ -348,9 +348,12 @@ impl MeshBorder {
         for &vertex in chosen.iter().flat_map(|rim| rim.vertices) {
             is_chosen[zipped.vertices[vertex as usize] as usize] = true;
         }
-        let rest = |rim: &usize| all.rims[*rim].iter().all(|&vertex| is_chosen[vertex as usize]);
-        let chosen =
-            ChosenRims { holes: (0..all.rims.len()).filter(rest).collect(), outer: Vec::new() };
+        let chosen = ChosenRims {
+            holes: (0..all.rims.len())
+                .filter(|rim| all.rims[*rim].iter().all(|&vertex| is_chosen[vertex as usize]))
+                .collect(),
+            outer: Vec::new(),
+        };
         Ok(Some((zipped, Self { chosen, ..all })))
     }
 }
@@ -377,18 +380,22 @@ fn fill_all(
 ) -> Result<Vec<HoleFill>, Error> {
     let all: usize = holes.iter().map(Vec::len).sum();
     let done = AtomicUsize::new(0);
-    let fill_one = |(hole, number): (&Vec<u32>, &usize)| {
-        let rim = Rim::new(filling, one_rings, hole);
-        // A single hole reports its own progress. Several holes report the fraction of their rim edges that are done.
-        let before = done.load(Ordering::Relaxed) as f64 / all.max(1) as f64;
-        let own = if holes.len() == 1 { 0.0..1.0 } else { before..before };
-        let filled = progress.part(own, |progress| fill_hole(filling, &rim, options, progress));
-        let fill = filled.map_err(|stop| stop.error(format_args!("the fill of rim {number}")))?;
-        let after = done.fetch_add(hole.len(), Ordering::Relaxed) + hole.len();
-        progress.tick(after as f64 / all.max(1) as f64)?;
-        Ok(fill)
-    };
-    holes.par_iter().zip(numbers).map(fill_one).collect()
+    holes
+        .par_iter()
+        .zip(numbers)
+        .map(|(hole, number): (&Vec<u32>, &usize)| {
+            let rim = Rim::new(filling, one_rings, hole);
+            // A single hole reports its own progress. Several holes report the fraction of their rim edges that are done.
+            let before = done.load(Ordering::Relaxed) as f64 / all.max(1) as f64;
+            let own = if holes.len() == 1 { 0.0..1.0 } else { before..before };
+            let filled = progress.part(own, |progress| fill_hole(filling, &rim, options, progress));
+            let fill =
+                filled.map_err(|stop| stop.error(format_args!("the fill of rim {number}")))?;
+            let after = done.fetch_add(hole.len(), Ordering::Relaxed) + hole.len();
+            progress.tick(after as f64 / all.max(1) as f64)?;
+            Ok(fill)
+        })
+        .collect()
 }
 
 fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Result<Mesh, MeshError> {

@@ -78,15 +78,17 @@ fn on_sides(
     of_faces: &[NearestPoint],
 ) -> Vec<NearestPoint> {
     let charts = charts(from);
-    let chart = |place: &NearestPoint| charts[place.face as usize];
+    fn chart(place: &NearestPoint, charts: &[u32]) -> u32 {
+        charts[place.face as usize]
+    }
     let mut places = Vec::with_capacity(to.faces().corners().len());
     // The corners whose nearest place is on another side, by chart.
     let mut others: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for (face, middle) in to.faces().iter().zip(of_faces) {
         for &vertex in face {
             let place = of_vertices[vertex as usize];
-            if chart(&place) != chart(middle) {
-                others.entry(chart(middle)).or_default().push(places.len());
+            if chart(&place, &charts) != chart(middle, &charts) {
+                others.entry(chart(middle, &charts)).or_default().push(places.len());
             }
             places.push(place);
         }
@@ -128,8 +130,10 @@ fn charts(mesh: &Mesh) -> Vec<u32> {
             let Some((other, mut others)) = older[edge].replace((face as u32, ends)) else {
                 continue;
             };
-            let vertex = |corner: usize| faces.corners()[corner];
-            if vertex(others[0]) != vertex(ends[0]) {
+            fn vertex(corner: usize, faces: &maquette_value::Faces) -> u32 {
+                faces.corners()[corner]
+            }
+            if vertex(others[0], faces) != vertex(ends[0], faces) {
                 others.reverse();
             }
             let is_seam = mesh.corner().iter().any(|(name, attribute)| {
@@ -152,9 +156,11 @@ mod tests {
     /// Returns a grid of n x n cells of two triangles over 8 x 8 mm at the given height.
     fn grid(n: u32, height: f64) -> Mesh {
         let width = n + 1;
-        let place = |k: u32| f64::from(k) * 8.0 / f64::from(n);
+        fn place(k: u32, n: u32) -> f64 {
+            f64::from(k) * 8.0 / f64::from(n)
+        }
         let positions: Vec<_> = (0..width * width)
-            .map(|k| Point3::new(place(k % width), place(k / width), height))
+            .map(|k| Point3::new(place(k % width, n), place(k / width, n), height))
             .collect();
         let cells = (0..n * n).map(|k| k % n + k / n * width);
         let faces = cells.flat_map(|k| [[k, k + 1, k + width + 1], [k, k + width + 1, k + width]]);

@@ -130,9 +130,18 @@ impl Poles {
         let (rows, columns) = (net.rows(), net.columns());
         let (mut points, mut fixed) = (net.points().to_vec(), vec![false; rows * columns]);
         let within = absolute_tolerance(tolerance, &points);
-        let row = |row: usize| (row * columns..(row + 1) * columns).collect::<Vec<_>>();
-        let column = |column: usize| (column..rows * columns).step_by(columns).collect();
-        for line in [row(0), row(rows - 1), column(0), column(columns - 1)] {
+        fn row(row: usize, columns: usize) -> Vec<usize> {
+            (row * columns..(row + 1) * columns).collect::<Vec<_>>()
+        }
+        fn column(column: usize, rows: usize, columns: usize) -> Vec<usize> {
+            (column..rows * columns).step_by(columns).collect()
+        }
+        for line in [
+            row(0, columns),
+            row(rows - 1, columns),
+            column(0, rows, columns),
+            column(columns - 1, rows, columns),
+        ] {
             let pole = points[line[0]];
             if line.iter().all(|&k| (net.points()[k] - pole).norm() <= within) {
                 for k in line {
@@ -426,18 +435,19 @@ mod tests {
 
     #[test]
     fn normals_at_poles_look_outward() {
-        let ball = |t: f64| {
-            let angle = std::f64::consts::PI * t;
-            [10.0 * libm::sin(angle), -10.0 * libm::cos(angle)]
-        };
         // A vase with a bottom that is a pole.
-        let vase = |t: f64| match t < 0.3 {
-            true => [30.0 * t, 0.0],
-            false => [9.0 + 2.0 * libm::sin(6.0 * (t - 0.3)), 30.0 * (t - 0.3)],
-        };
         for center in [Point3::origin(), Point3::new(0.0, 0.0, 10.0), Point3::new(300.0, 9.0, -7.0)]
         {
-            let shapes = [revolved(center, ball), revolved(center, vase)];
+            let shapes = [
+                revolved(center, |t: f64| {
+                    let angle = std::f64::consts::PI * t;
+                    [10.0 * libm::sin(angle), -10.0 * libm::cos(angle)]
+                }),
+                revolved(center, |t: f64| match t < 0.3 {
+                    true => [30.0 * t, 0.0],
+                    false => [9.0 + 2.0 * libm::sin(6.0 * (t - 0.3)), 30.0 * (t - 0.3)],
+                }),
+            ];
             for (net, solver, tolerance) in shapes.iter().flat_map(|net| {
                 [
                     (net, Solver::Pcg, 1e-6),

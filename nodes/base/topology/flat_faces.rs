@@ -441,10 +441,10 @@ mod tests {
         // Vertex 1 is between 0 and 2, and vertex 2 is between 1 and 3.
         let points = [[0., 0., 0.], [1., 0., 0.], [2., 0., 0.], [3., 0., 0.]];
         let flat = flat(&points, &[[0, 1, 2], [1, 2, 3]]);
-        let of = |vertex| {
+        fn of(vertex: u32, flat: &FlatFaces) -> f64 {
             flat.supports(vertex).unwrap().iter().map(|it| f64::from(it.0) * it.1).sum::<f64>()
-        };
-        assert!((of(1) - 1.0).abs() < 1e-12 && (of(2) - 2.0).abs() < 1e-12);
+        }
+        assert!((of(1, &flat) - 1.0).abs() < 1e-12 && (of(2, &flat) - 2.0).abs() < 1e-12);
     }
 
     #[test]

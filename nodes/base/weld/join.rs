@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use maquette_value::Mesh;
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 use crate::topology::lists::Lists;
 
@@ -156,13 +156,13 @@ const EQUAL: f64 = 0.1;
 
 /// Returns true if the corners of two faces at the same places are much nearer to each other than the ends of their edges.
 fn are_close(mesh: &Mesh, places: &[u32], a: u32, b: u32) -> bool {
-    let corners = |face: u32| {
+    fn corners(face: u32, mesh: &Mesh, places: &[u32]) -> Vec<Point3<f64>> {
         let mut corners = mesh.faces().face(face as usize).to_vec();
         let lowest = (0..corners.len()).min_by_key(|&k| places[corners[k] as usize]).unwrap_or(0);
         corners.rotate_left(lowest);
         corners.into_iter().map(|vertex| mesh.positions()[vertex as usize]).collect::<Vec<_>>()
-    };
-    let (a, b) = (corners(a), corners(b));
+    }
+    let (a, b) = (corners(a, mesh, places), corners(b, mesh, places));
     let edges = b.iter().zip(b[1..].iter().chain(&b[..1]));
     let shortest = edges.map(|(from, to)| (to - from).norm()).fold(f64::INFINITY, f64::min);
     a.iter().zip(&b).all(|(a, b)| (a - b).norm() <= EQUAL * shortest)
@@ -254,11 +254,11 @@ impl<'a> Stitcher<'a> {
 
     /// Returns true if the faces of two edges, which were brought into the same direction, run along them in opposite directions.
     fn is_turned(&self, a: HalfEdge, b: HalfEdge) -> bool {
-        let runs = |edge: HalfEdge| {
-            let mut sectors = self.sectors.list(edge.from as usize).iter();
+        fn runs(edge: HalfEdge, self_sectors: &Lists<Sector>) -> bool {
+            let mut sectors = self_sectors.list(edge.from as usize).iter();
             sectors.any(|sector| sector.face == edge.face && sector.after == edge.to)
-        };
-        runs(a) != runs(b)
+        }
+        runs(a, &self.sectors) != runs(b, &self.sectors)
     }
 
     fn set(&self, vertex: u32) -> &[u32] {
@@ -335,24 +335,33 @@ impl<'a> Stitcher<'a> {
     }
 
     fn have_equal_positions(&self, a: HalfEdge, b: HalfEdge) -> bool {
-        let position = |vertex: u32| self.mesh.positions()[vertex as usize];
-        position(a.from) == position(b.from) && position(a.to) == position(b.to)
+        fn position(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+            mesh.positions()[vertex as usize]
+        }
+        position(a.from, self.mesh) == position(b.from, self.mesh)
+            && position(a.to, self.mesh) == position(b.to, self.mesh)
     }
 
     /// Pairs edges in opposite directions at one place. Of several choices, the two faces that enclose the smallest angle of the inside
     /// are paired. Faces that coincide do not enclose anything.
     fn pairs_around(&self, free: &[HalfEdge], places: &[u32]) -> Vec<[HalfEdge; 2]> {
-        let place = |vertex: u32| places[vertex as usize];
+        fn place(vertex: u32, places: &[u32]) -> u32 {
+            places[vertex as usize]
+        }
         let (there, back): (Vec<HalfEdge>, Vec<HalfEdge>) =
-            free.iter().partition(|edge| place(edge.from) < place(edge.to));
+            free.iter().partition(|edge| place(edge.from, places) < place(edge.to, places));
         let Some(first) = there.first() else { return Vec::new() };
-        let position = |vertex: u32| self.mesh.positions()[vertex as usize];
-        let axis = position(first.to) - position(first.from);
+        fn position(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+            mesh.positions()[vertex as usize]
+        }
+        let axis = position(first.to, self.mesh) - position(first.from, self.mesh);
         let Some(axis) = axis.try_normalize(0.0) else { return Vec::new() };
         let side = |edge: HalfEdge| -> Vector3<f64> {
             let face = self.mesh.faces().face(edge.face as usize);
             // The direction into the face is across the edge, in the plane of the face.
-            self.mesh.area_vector(face).cross(&(position(edge.to) - position(edge.from)))
+            self.mesh
+                .area_vector(face)
+                .cross(&(position(edge.to, self.mesh) - position(edge.from, self.mesh)))
         };
         let x = side(*first);
         let y = axis.cross(&x);

@@ -153,17 +153,19 @@ fn vertices_without_faces_join_each_other_and_borders() {
 #[test]
 fn welding_twice_is_welding_once() {
     for seed in 0..60 {
-        let number = |k: u64| random(1000 * seed + k);
+        fn number(k: u64, seed: u64) -> f64 {
+            random(1000 * seed + k)
+        }
         let solids: Vec<Mesh> = (0..2 + seed % 3)
             .map(|k| match k % 2 {
-                0 => octahedron([number(k).round(), number(k + 9).round(), 0.0], 1.0),
-                _ => cuboid([number(k + 5).round(), 0.0, 0.0], [2.0, 1.0, 1.0]),
+                0 => octahedron([number(k, seed).round(), number(k + 9, seed).round(), 0.0], 1.0),
+                _ => cuboid([number(k + 5, seed).round(), 0.0, 0.0], [2.0, 1.0, 1.0]),
             })
             .collect();
         let jitter = [0.0, 1e-3, 0.02][seed as usize % 3];
         let all = soup(&solids, jitter);
         let kept: Vec<u32> = (0..all.faces().len() as u32)
-            .filter(|&face| number(100 + u64::from(face)) > 0.1)
+            .filter(|&face| number(100 + u64::from(face), seed) > 0.1)
             .collect();
         let some = all.select(&kept);
         for within in [0.0, 0.01, 0.3, 1.5] {

@@ -261,15 +261,21 @@ fn cup(outer: f64, wall: f64, height: f64, n: u32) -> Mesh {
             Point3::new(radius * libm::cos(angle), radius * libm::sin(angle), z)
         }));
     }
-    let name = |row: u32, k: u32| 2 + row * n + k % n;
+    fn name(row: u32, k: u32, n: u32) -> u32 {
+        2 + row * n + k % n
+    }
     let last = profile.len() as u32 - 1;
     let mut faces = Vec::new();
     for k in 0..n {
-        faces.push([0, name(0, k + 1), name(0, k)]);
-        faces.push([1, name(last, k), name(last, k + 1)]);
+        faces.push([0, name(0, k + 1, n), name(0, k, n)]);
+        faces.push([1, name(last, k, n), name(last, k + 1, n)]);
         for row in 0..last {
-            let [a, b, c, d] =
-                [name(row, k), name(row, k + 1), name(row + 1, k + 1), name(row + 1, k)];
+            let [a, b, c, d] = [
+                name(row, k, n),
+                name(row, k + 1, n),
+                name(row + 1, k + 1, n),
+                name(row + 1, k, n),
+            ];
             faces.extend([[a, b, c], [a, c, d]]);
         }
     }
@@ -296,12 +302,14 @@ fn check_walls(mesh: &Mesh, length: f64, angle: f64, what: &str) {
     assert_eq!(kind(mesh), kind(&even), "{what}");
     let crossing = even.crossings(|| Ok::<(), Error>(())).unwrap().len();
     assert_eq!(crossing, 0, "{what}");
-    let borders = |mesh: &Mesh| -> f64 {
+    fn borders(mesh: &Mesh) -> f64 {
         let edges = mesh.edges();
         let borders = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
-        let place = |vertex: u32| mesh.positions()[vertex as usize];
-        borders.map(|(&[a, b], _)| (place(b) - place(a)).norm()).sum()
-    };
+        fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+            mesh.positions()[vertex as usize]
+        }
+        borders.map(|(&[a, b], _)| (place(b, mesh) - place(a, mesh)).norm()).sum()
+    }
     let [before, after] = [borders(mesh), borders(&even)];
     assert!((after - before).abs() <= 0.05 * before, "{what}: {before} {after}");
     let [before, after] = [volume(mesh), volume(&even)];
@@ -312,13 +320,25 @@ fn check_walls(mesh: &Mesh, length: f64, angle: f64, what: &str) {
 fn thin_walls_stay_apart() {
     let mut random = maquette_value::rng::Random(7);
     for index in 0..8 {
-        let mut between = |low: f64, high: f64| low + (high - low) * random.even();
-        let (gap, length) = (between(0.2, 2.0), between(1.0, 4.0));
+        fn between(low: f64, high: f64, random: &mut maquette_value::rng::Random) -> f64 {
+            low + (high - low) * random.even()
+        }
+        let (gap, length) = (between(0.2, 2.0, &mut random), between(1.0, 4.0, &mut random));
         let what = format!("{index}: gap {gap}, length {length}");
         if index % 2 == 0 {
-            check_walls(&cup(between(6.0, 12.0), gap, between(8.0, 20.0), 48), length, 40.0, &what);
+            check_walls(
+                &cup(between(6.0, 12.0, &mut random), gap, between(8.0, 20.0, &mut random), 48),
+                length,
+                40.0,
+                &what,
+            );
         } else {
-            check_walls(&sheets(gap, between(0.0, 1.5), index % 4 == 1), length, 40.0, &what);
+            check_walls(
+                &sheets(gap, between(0.0, 1.5, &mut random), index % 4 == 1),
+                length,
+                40.0,
+                &what,
+            );
         }
     }
 }

@@ -171,16 +171,16 @@ fn largest_move(a: &Mesh, b: &Mesh) -> f64 {
 #[test]
 fn faces_without_area_change_nothing() {
     let mut random = Random(3);
-    let mut shake = |mesh: Mesh| {
+    fn shake(mesh: Mesh, random: &mut Random) -> Mesh {
         let moved =
-            mesh.positions().iter().map(|p| p + Vector3::from_fn(|_, _| 0.05 * noise(&mut random)));
+            mesh.positions().iter().map(|p| p + Vector3::from_fn(|_, _| 0.05 * noise(random)));
         let moved = Vec::from_iter(moved);
         cut(&mesh.with_positions(moved).unwrap())
-    };
+    }
     let shapes = [
-        shake(even_ball(3)),
-        shake(sheet(12, |x, y| libm::sin(x) * libm::cos(y))),
-        shake(fine_cube(5)),
+        shake(even_ball(3), &mut random),
+        shake(sheet(12, |x, y| libm::sin(x) * libm::cos(y)), &mut random),
+        shake(fine_cube(5), &mut random),
     ];
     for (seed, mesh) in (1..).zip(shapes) {
         for height in HEIGHTS {

@@ -1,11 +1,11 @@
 use std::f64::consts::{PI, TAU};
 
+use maquette_base::light::{channel, light};
 use maquette_value::{Attribute, CaptureFrame, Faces, Pinhole};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Vector3};
 
 use super::camera::Camera;
 use super::*;
-use maquette_base::light::{channel, light};
 
 /// The radius in mm of the sphere that all cameras look at.
 const RADIUS: f64 = 20.0;

@@ -3,6 +3,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use maquette_base::light::light_of;
 use maquette_node::{CancelledError, Error, Progress};
 use maquette_value::parallel::*;
 use maquette_value::{Image, Mesh, TriangleTree};
@@ -12,7 +13,6 @@ use super::baking::Baking;
 use super::camera::Camera;
 use super::sample::Sample;
 use super::spot::Spot;
-use maquette_base::light::light_of;
 
 /// A capture that was moved into the coordinates of the baked mesh.
 pub(super) struct View<'a> {

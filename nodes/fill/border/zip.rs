@@ -249,10 +249,9 @@ impl<'a> Border<'a> {
         let mut best: Option<Match> = None;
         tree.visit_overlapping(&Bounds::from_points(&[point - margin, point + margin]), |k| {
             let edge = &self.edges[k as usize];
-            let runs_against = |own: &Vector3<f64>| edge.direction.dot(own) <= MAX_COSINE;
             if edge.from == of.vertex
                 || edge.to == of.vertex
-                || !of.directions.iter().any(runs_against)
+                || !of.directions.iter().any(|own| edge.direction.dot(own) <= MAX_COSINE)
             {
                 return;
             }
@@ -344,16 +343,18 @@ impl Places {
         if a == b {
             return true;
         }
-        let set = |root: u32| self.members.get(&root).cloned().unwrap_or_else(|| vec![root]);
-        let (mut all, others) = (set(a), set(b));
-        let faces = |set: &[u32]| {
+        fn set(root: u32, members: &BTreeMap<u32, Vec<u32>>) -> Vec<u32> {
+            members.get(&root).cloned().unwrap_or_else(|| vec![root])
+        }
+        let (mut all, others) = (set(a, &self.members), set(b, &self.members));
+        fn faces(set: &[u32], self_faces: &Lists) -> Vec<u32> {
             let mut faces: Vec<u32> =
-                set.iter().flat_map(|&it| self.faces.list(it as usize)).copied().collect();
+                set.iter().flat_map(|&it| self_faces.list(it as usize)).copied().collect();
             faces.sort_unstable();
             faces
-        };
-        let of_a = faces(&all);
-        if faces(&others).iter().any(|face| of_a.binary_search(face).is_ok()) {
+        }
+        let of_a = faces(&all, &self.faces);
+        if faces(&others, &self.faces).iter().any(|face| of_a.binary_search(face).is_ok()) {
             return false;
         }
         all.extend(others);

@@ -163,19 +163,22 @@ fn simple_curve(
     limit: f64,
     edge: f64,
 ) -> Option<(Vec<Point3<f64>>, f64, bool)> {
-    let own = |end: &CreaseEnd| end.points[..=window.min(end.points.len() - 1)].to_vec();
-    let points = [own(a), own(b)].concat();
+    fn own(end: &CreaseEnd, window: usize) -> Vec<Point3<f64>> {
+        end.points[..=window.min(end.points.len() - 1)].to_vec()
+    }
+    let points = [own(a, window), own(b, window)].concat();
     let count = points.len() as f64;
     let floor = 0.01 * edge;
-    let information = |misfit: f64, terms: f64| {
+    fn information(misfit: f64, terms: f64, count: f64, floor: f64) -> f64 {
         2.0 * count * libm::log(misfit * misfit + floor * floor) + terms * libm::log(2.0 * count)
-    };
+    }
     let (origin, axes) = principal_axes(&points)?;
     let line_misfit = line_misfit(&points, origin, axes[0]);
     let circle = Circle::fit(&points, origin, axes);
     let circle = circle.map(|circle| (circle.misfit(&points), circle));
     let prefers_circle = circle.as_ref().is_some_and(|(misfit, _)| {
-        information(*misfit, 6.0) + MIN_GAIN < information(line_misfit, 4.0)
+        information(*misfit, 6.0, count, floor) + MIN_GAIN
+            < information(line_misfit, 4.0, count, floor)
     });
     match circle {
         Some((misfit, circle)) if prefers_circle && misfit <= limit => {
@@ -225,11 +228,19 @@ impl Circle {
         let flat: Vec<[f64; 2]> =
             points.iter().map(|p| [0, 1].map(|k| axes[k].dot(&(p - origin)) / size)).collect();
         let count = flat.len() as f64;
-        let mean = |f: &dyn Fn(f64, f64, f64) -> f64| {
+        fn mean(f: &dyn Fn(f64, f64, f64) -> f64, flat: &[[f64; 2]], count: f64) -> f64 {
             flat.iter().map(|&[x, y]| f(x, y, x * x + y * y)).sum::<f64>() / count
-        };
-        let (xx, yy, xy) = (mean(&|x, _, _| x * x), mean(&|_, y, _| y * y), mean(&|x, y, _| x * y));
-        let (xz, yz, zz) = (mean(&|x, _, z| x * z), mean(&|_, y, z| y * z), mean(&|_, _, z| z * z));
+        }
+        let (xx, yy, xy) = (
+            mean(&|x, _, _| x * x, &flat, count),
+            mean(&|_, y, _| y * y, &flat, count),
+            mean(&|x, y, _| x * y, &flat, count),
+        );
+        let (xz, yz, zz) = (
+            mean(&|x, _, z| x * z, &flat, count),
+            mean(&|_, y, z| y * z, &flat, count),
+            mean(&|_, _, z| z * z, &flat, count),
+        );
         let z = xx + yy;
         let (cov, var) = (xx * yy - xy * xy, zz - z * z);
         // The smallest root of the characteristic polynomial, by Newton steps from 0.
@@ -278,17 +289,17 @@ impl Circle {
 
     /// Returns points on the arc that leaves the first end in its direction and arrives at the second end.
     fn arc(&self, a: &CreaseEnd, b: &CreaseEnd, edge: f64) -> Option<Vec<Point3<f64>>> {
-        let angle = |point: Point3<f64>| {
-            let [x, y] = [0, 1].map(|k| self.axes[k].dot(&(point - self.center)));
+        fn angle(point: Point3<f64>, axes: &[Vector3<f64>; 3], center: Point3<f64>) -> f64 {
+            let [x, y] = [0, 1].map(|k| axes[k].dot(&(point - center)));
             libm::atan2(y, x)
-        };
-        let direction = |angle: f64| {
+        }
+        fn direction(angle: f64, axes: &[Vector3<f64>; 3]) -> Vector3<f64> {
             let (sine, cosine) = libm::sincos(angle);
-            self.axes[1] * cosine - self.axes[0] * sine
-        };
-        let [from, to] = [a, b].map(|end| angle(end.points[0]));
-        let sign = direction(from).dot(&a.heading()).signum();
-        if (direction(to) * sign).dot(&b.heading()) > -0.5 {
+            axes[1] * cosine - axes[0] * sine
+        }
+        let [from, to] = [a, b].map(|end| angle(end.points[0], &self.axes, self.center));
+        let sign = direction(from, &self.axes).dot(&a.heading()).signum();
+        if (direction(to, &self.axes) * sign).dot(&b.heading()) > -0.5 {
             return None;
         }
         let sweep = ((to - from) * sign).rem_euclid(std::f64::consts::TAU);

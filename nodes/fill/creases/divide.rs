@@ -104,12 +104,11 @@ impl<'a> Division<'a> {
 
     /// Divides a part by a curve. Returns false if the curve does not begin and end in one part or leaves no room for a vertex.
     fn cut(&mut self, pair: &Pair, edge: f64) -> bool {
-        let index_of = |part: &[Corner], vertex: usize| {
-            let is_end = |corner: &Corner| {
+        fn index_of(part: &[Corner], vertex: usize) -> Option<usize> {
+            part.iter().position(|corner| {
                 corner.vertex as usize == vertex && corner.behind.is_none() && !corner.is_crease
-            };
-            part.iter().position(is_end)
-        };
+            })
+        }
         let found = self.parts.iter().enumerate().find_map(|(number, part)| {
             Some((number, index_of(part, pair.rim[0])?, index_of(part, pair.rim[1])?))
         });
@@ -151,16 +150,18 @@ impl<'a> Division<'a> {
                 let beside = (ends[k] - runs[k].steps.signum()).rem_euclid(count as isize);
                 if steps > 0 { self.position(&part[beside as usize]) } else { pair.behind[k] }
             };
-            let normal_at = |k: usize| if k == 0 { normals[0] } else { normals[normals.len() - 1] };
+            fn normal_at(k: usize, normals: &[Vector3<f64>]) -> Vector3<f64> {
+                if k == 0 { normals[0] } else { normals[normals.len() - 1] }
+            }
             for corner in &mut corners[..run_start] {
                 corner.is_crease = true;
             }
             for corner in &mut corners[..=run_start] {
-                corner.normal = normal_at(start);
+                corner.normal = normal_at(start, normals);
             }
             for corner in &mut corners[length - run_stop..] {
                 corner.is_crease = true;
-                corner.normal = normal_at(1 - start);
+                corner.normal = normal_at(1 - start, normals);
             }
             corners[run_start].behind = Some(behind(start, 1));
             corners[length - run_stop].behind = Some(behind(1 - start, -1));
@@ -239,13 +240,14 @@ impl<'a> Division<'a> {
             }
             let (own, kept) = triangulation.compact();
             let first = points.len() as u32;
-            let number = |vertex: u32| match part.get(vertex as usize) {
-                Some(corner) => corner.vertex,
-                None => first + vertex - part.len() as u32,
-            };
             points.extend(kept[part.len()..].iter().map(|&v| triangulation.points[v as usize]));
             is_relief.resize(points.len(), data_bend > MIN_RELIEF_BEND);
-            for face in own.iter().map(|face| face.map(number)) {
+            for face in own.iter().map(|face| {
+                face.map(|vertex: u32| match part.get(vertex as usize) {
+                    Some(corner) => corner.vertex,
+                    None => first + vertex - part.len() as u32,
+                })
+            }) {
                 let sides = [[face[0], face[1]], [face[1], face[2]], [face[2], face[0]]];
                 used.extend(
                     sides.iter().map(|&[a, b]| [a.min(b), a.max(b)]).filter(|s| s[1] < first),
@@ -276,14 +278,16 @@ impl<'a> Division<'a> {
             false => self.rim.normals[part[k].vertex as usize],
         });
         let connected = (0..count).map(|k| {
-            let is_connected = |&other: &usize| {
-                let [a, b] = [part[k].vertex, part[other].vertex];
-                let is_beside = (k + 1) % count == other || (other + 1) % count == k;
-                let is_used = used.binary_search(&[a.min(b), a.max(b)]).is_ok();
-                let on_rim = (a.max(b) as usize) < data;
-                !is_beside && other != k && (is_used || on_rim && self.is_rim_edge(a, b))
-            };
-            (0..count).filter(is_connected).map(|other| other as u32).collect()
+            (0..count)
+                .filter(|&other| {
+                    let [a, b] = [part[k].vertex, part[other].vertex];
+                    let is_beside = (k + 1) % count == other || (other + 1) % count == k;
+                    let is_used = used.binary_search(&[a.min(b), a.max(b)]).is_ok();
+                    let on_rim = (a.max(b) as usize) < data;
+                    !is_beside && other != k && (is_used || on_rim && self.is_rim_edge(a, b))
+                })
+                .map(|other| other as u32)
+                .collect()
         });
         let mut rim = Rim {
             vertices: part.iter().map(|corner| corner.vertex).collect(),
@@ -387,12 +391,16 @@ struct PartRim {
 
 /// Returns the mean angle between adjacent triangles around a hole, in radians; 0 if there are none.
 fn mean_bend(rim: &Rim) -> f64 {
-    let corner = |index: u32| match rim.points.get(index as usize) {
-        Some(point) => *point,
-        None => rim.ring[index as usize - rim.len()],
-    };
-    let areas: Vec<Vector3<f64>> =
-        rim.triangles.iter().map(|face| area_vector(face.map(corner))).collect();
+    let areas: Vec<Vector3<f64>> = rim
+        .triangles
+        .iter()
+        .map(|face| {
+            area_vector(face.map(|index: u32| match rim.points.get(index as usize) {
+                Some(point) => *point,
+                None => rim.ring[index as usize - rim.len()],
+            }))
+        })
+        .collect();
     let bends = adjacent_faces(&rim.triangles).into_iter().map(|pair| {
         let [a, b] = pair.map(|face| areas[face as usize]);
         libm::atan2(a.cross(&b).norm(), a.dot(&b))

@@ -84,12 +84,16 @@ impl CreaseEnd {
 
 /// Returns true if an edge of the data at the rim is sharp: a fast test that excludes most holes.
 fn may_have_creases(rim: &Rim) -> bool {
-    let corner = |index: u32| match rim.points.get(index as usize) {
-        Some(point) => *point,
-        None => rim.ring[index as usize - rim.len()],
-    };
-    let areas: Vec<Vector3<f64>> =
-        rim.triangles.iter().map(|face| area_vector(face.map(corner))).collect();
+    let areas: Vec<Vector3<f64>> = rim
+        .triangles
+        .iter()
+        .map(|face| {
+            area_vector(face.map(|index: u32| match rim.points.get(index as usize) {
+                Some(point) => *point,
+                None => rim.ring[index as usize - rim.len()],
+            }))
+        })
+        .collect();
     adjacent_faces(&rim.triangles).iter().any(|pair| {
         let [a, b] = pair.map(|face| areas[face as usize]);
         a.dot(&b) < BLUNT_COSINE * a.norm() * b.norm()
@@ -162,8 +166,10 @@ impl Network {
             let heading = (filling.point(here) - filling.point(behind)).normalize();
             let ahead: Vec<u32> =
                 self.crease_neighbors(here).filter(|other| !vertices.contains(other)).collect();
-            let is_sharp = |other: &&u32| self.is_bent([here, **other], SHARP_COSINE);
-            if rim.vertices.contains(&here) || ahead.iter().filter(is_sharp).count() > 1 {
+            if rim.vertices.contains(&here)
+                || ahead.iter().filter(|other| self.is_bent([here, **other], SHARP_COSINE)).count()
+                    > 1
+            {
                 break;
             }
             let cosines = ahead.iter().map(|&other| {

@@ -93,12 +93,9 @@ fn extend_creases(
         Some(divided) if divided.is_clear => None,
         _ => sharpen::sharpen(filling, plate, rim, sizes, progress)?,
     };
-    let fill = |triangulation, is_relief| HoleFill {
-        triangulation,
-        fallback: None,
-        is_sharp: true,
-        is_relief,
-    };
+    fn fill(triangulation: Triangulation, is_relief: Vec<bool>) -> HoleFill {
+        HoleFill { triangulation, fallback: None, is_sharp: true, is_relief }
+    }
     let sharp = sharp.map(|triangulation| fill(triangulation, Vec::new()));
     Ok(sharp.or(divided.map(|divided| fill(divided.triangulation, divided.is_relief))))
 }

@@ -38,15 +38,17 @@ fn random_path(mesh: &Mesh, edges: usize, seed: u64) -> Vec<u32> {
         neighbors[a as usize].push(b);
         neighbors[b as usize].push(a);
     }
-    let pick = |count: usize, k: usize| (random(seed * 1000 + k as u64) * count as f64) as usize;
-    let mut path = vec![pick(neighbors.len(), 0) as u32];
+    fn pick(count: usize, k: usize, seed: u64) -> usize {
+        (random(seed * 1000 + k as u64) * count as f64) as usize
+    }
+    let mut path = vec![pick(neighbors.len(), 0, seed) as u32];
     for k in 1..=edges {
         let free: Vec<u32> = neighbors[path[path.len() - 1] as usize]
             .iter()
             .copied()
             .filter(|vertex| !path.contains(vertex))
             .collect();
-        let Some(&next) = free.get(pick(free.len(), k)) else { break };
+        let Some(&next) = free.get(pick(free.len(), k, seed)) else { break };
         path.push(next);
     }
     path
@@ -56,10 +58,12 @@ fn random_path(mesh: &Mesh, edges: usize, seed: u64) -> Vec<u32> {
 #[allow(clippy::disallowed_methods, reason = "the last bits of a test shape do not matter")]
 fn bumpy_ball(seed: u64) -> Mesh {
     let ball = sphere(3);
-    let wave = |k: u64| 1.0 + 4.0 * random(seed * 77 + k);
+    fn wave(k: u64, seed: u64) -> f64 {
+        1.0 + 4.0 * random(seed * 77 + k)
+    }
     let points = ball.positions().iter().map(|point| {
-        let bump =
-            (wave(1) * point.x + wave(2)).sin() * (wave(3) * point.y + wave(4) * point.z).cos();
+        let bump = (wave(1, seed) * point.x + wave(2, seed)).sin()
+            * (wave(3, seed) * point.y + wave(4, seed) * point.z).cos();
         point * (8.0 + bump)
     });
     ball.with_positions(points.collect()).unwrap()
@@ -145,8 +149,10 @@ fn vertices_on_one_side_of_a_crack_divide_the_edges_of_the_other() {
     let mut added = 0;
     for face in high.faces().as_triangles().unwrap() {
         let face = face.map(|vertex| vertex + offset);
-        let on_line = |vertex: u32| points[vertex as usize].y == 2.0;
-        match (0..3).find(|&k| on_line(face[k]) && on_line(face[(k + 1) % 3])) {
+        fn on_line(vertex: u32, points: &[Point3<f64>]) -> bool {
+            points[vertex as usize].y == 2.0
+        }
+        match (0..3).find(|&k| on_line(face[k], &points) && on_line(face[(k + 1) % 3], &points)) {
             Some(k) => {
                 let [a, b, c] = [0, 1, 2].map(|i| face[(k + i) % 3]);
                 let middle = nalgebra::center(&points[a as usize], &points[b as usize]);

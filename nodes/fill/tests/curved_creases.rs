@@ -75,9 +75,11 @@ fn revolve(profile: &[[f64; 2]], amplitude: f64) -> Mesh {
 }
 
 fn member(number: u64) -> Member {
-    let draw = |k: u64, low: f64, high: f64| low + (high - low) * random(number << 8 | k);
-    let radius = draw(0, 12.0, 25.0);
-    let height = draw(1, 5.0, 15.0);
+    fn draw(k: u64, low: f64, high: f64, number: u64) -> f64 {
+        low + (high - low) * random(number << 8 | k)
+    }
+    let radius = draw(0, 12.0, 25.0, number);
+    let height = draw(1, 5.0, 15.0, number);
     let (profile, crease, amplitude) = match number % 4 {
         // A can or a disc.
         0 => (
@@ -87,12 +89,12 @@ fn member(number: u64) -> Member {
         ),
         // A cone with a flat top.
         1 => {
-            let top = radius * draw(2, 0.6, 0.8);
+            let top = radius * draw(2, 0.6, 0.8, number);
             (vec![[0.0, height], [top, height], [radius, 0.0], [0.0, 0.0]], [top, height], 0.0)
         }
         // A torus cut by a plane through its circle.
         2 => {
-            let small = draw(3, 5.0, 8.0);
+            let small = draw(3, 5.0, 8.0, number);
             let arc = (0..=24).map(|k| {
                 let (sine, cosine) = libm::sincos(PI * f64::from(k) / 24.0);
                 [radius - small * cosine, -small * sine]
@@ -104,7 +106,7 @@ fn member(number: u64) -> Member {
         }
         // A prism over a spline.
         _ => {
-            let amplitude = draw(4, 0.05, 0.15);
+            let amplitude = draw(4, 0.05, 0.15, number);
             (
                 vec![[0.0, height], [radius, height], [radius, 0.0], [0.0, 0.0]],
                 [radius, height],
@@ -114,8 +116,8 @@ fn member(number: u64) -> Member {
     };
     // A spline does not determine a long gap.
     let longest = if amplitude > 0.0 { 40.0 } else { 300.0 };
-    let gap = 15.0 * libm::pow(longest / 15.0, draw(5, 0.0, 1.0));
-    let noise = if number.is_multiple_of(2) { 0.0 } else { draw(6, 0.01, 0.05) };
+    let gap = 15.0 * libm::pow(longest / 15.0, draw(5, 0.0, 1.0, number));
+    let noise = if number.is_multiple_of(2) { 0.0 } else { draw(6, 0.01, 0.05, number) };
     Member { mesh: revolve(&profile, amplitude), crease, gap, wave: amplitude, noise }
 }
 
@@ -132,10 +134,10 @@ fn crease_errors(number: u64) -> [f64; 2] {
     });
     let filled = fill(&cut, HoleChoice::All, FillMethod::CreaseAware).unwrap();
     assert_eq!(check_kept(&cut, &filled.mesh), 0);
-    let off = |p: &Point3<f64>| {
+    fn off(p: &Point3<f64>, radius: f64, amplitude: f64, height: f64) -> f64 {
         let size = radius * wave(amplitude, libm::atan2(p.y, p.x));
         libm::hypot(libm::hypot(p.x, p.y) - size, p.z - height)
-    };
+    }
     // The edges with a filled end that are sharper than 30 degrees.
     let faces = filled.mesh.faces();
     let mut sides: std::collections::BTreeMap<[u32; 2], Vec<nalgebra::Vector3<f64>>> =
@@ -156,8 +158,11 @@ fn crease_errors(number: u64) -> [f64; 2] {
         .flat_map(|(ends, _)| *ends)
         .collect();
     let points = filled.mesh.positions();
-    let away =
-        sharp.iter().filter(|&&v| v >= data).map(|&v| off(&points[v as usize])).fold(0.0, f64::max);
+    let away = sharp
+        .iter()
+        .filter(|&&v| v >= data)
+        .map(|&v| off(&points[v as usize], radius, amplitude, height))
+        .fold(0.0, f64::max);
     let steps = (gap.to_radians() * radius) as usize + 1;
     let missed = (0..=steps).map(|k| {
         let angle = gap.to_radians() * (k as f64 / steps as f64 - 0.5);

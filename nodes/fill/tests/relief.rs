@@ -4,9 +4,11 @@ use super::*;
 
 /// Returns the height of a relief at a point.
 fn relief(number: u64, x: f64, y: f64) -> f64 {
-    let draw = |k: u64, low: f64, high: f64| low + (high - low) * random(number << 8 | k);
-    let (length, turn) = (draw(0, 6.0, 10.0), draw(1, 0.0, 1.5));
-    let height = length * draw(2, 0.04, 0.08);
+    fn draw(k: u64, low: f64, high: f64, number: u64) -> f64 {
+        low + (high - low) * random(number << 8 | k)
+    }
+    let (length, turn) = (draw(0, 6.0, 10.0, number), draw(1, 0.0, 1.5, number));
+    let height = length * draw(2, 0.04, 0.08, number);
     let wave = |angle: f64, length: f64| {
         let (sine, cosine) = libm::sincos(angle + turn);
         libm::cos(std::f64::consts::TAU * (x * cosine + y * sine) / length)
@@ -26,7 +28,9 @@ fn relief(number: u64, x: f64, y: f64) -> f64 {
 /// Returns the root mean square errors of the thin plate and of the default method.
 fn relief_errors(number: u64) -> [f64; 2] {
     let radius = 5.0 + 4.0 * random(number << 8 | 7);
-    let bent = |x: f64, y: f64| 0.004 * (x - 24.0) * (x - 24.0) - 0.003 * x * y;
+    fn bent(x: f64, y: f64) -> f64 {
+        0.004 * (x - 24.0) * (x - 24.0) - 0.003 * x * y
+    }
     let mesh = grid(49, 49, |x, y| bent(x, y) + relief(number, x, y));
     let cut = remove_vertices(&mesh, |p| libm::hypot(p.x - 24.0, p.y - 23.0) < radius);
     [FillMethod::ThinPlate, FillMethod::default()].map(|method| {

@@ -120,17 +120,34 @@ fn a_rectangle_aligned_to_two_pixels_is_transferred_exactly() {
     for ([left, top], [right, bottom]) in
         [([0, 0], [20, 12]), ([0, 3], [1, 4]), ([5, 2], [19, 11]), ([7, 7], [8, 12])]
     {
-        let is_inside = |column: usize, row: usize| {
+        fn is_inside(
+            column: usize,
+            row: usize,
+            left: usize,
+            right: usize,
+            top: usize,
+            bottom: usize,
+        ) -> bool {
             (left..right).contains(&column) && (top..bottom).contains(&row)
-        };
-        let pixels = (0..4 * width * height)
-            .map(|index| u32::from(is_inside(index % (2 * width) / 2, index / (2 * width) / 2)));
+        }
+        let pixels = (0..4 * width * height).map(|index| {
+            u32::from(is_inside(
+                index % (2 * width) / 2,
+                index / (2 * width) / 2,
+                left,
+                right,
+                top,
+                bottom,
+            ))
+        });
         let labels = Labels::new(2 * width, 2 * height, pixels.collect()).unwrap();
         let region =
             extract_region(&labels, &range, Pick::Label(1), options(true, 1), &Progress::silent())
                 .unwrap();
         let expected: Vec<u32> = (0..(width * height) as u32)
-            .filter(|&cell| is_inside(cell as usize % width, cell as usize / width))
+            .filter(|&cell| {
+                is_inside(cell as usize % width, cell as usize / width, left, right, top, bottom)
+            })
             .collect();
         assert_eq!(region.cells(), expected);
     }
@@ -255,17 +272,17 @@ fn a_gap_is_closed() {
 #[test]
 fn parts_are_picked_by_size_label_and_position() {
     let labels = spots(&["##.#.", "##...", "...##"]);
-    let first = |pick| {
-        extract_region(&labels, &full(5, 3), pick, options(true, 0), &Progress::silent())
+    fn first(pick: Pick, labels: &Labels) -> u32 {
+        extract_region(labels, &full(5, 3), pick, options(true, 0), &Progress::silent())
             .unwrap()
             .cells()[0]
-    };
-    assert_eq!(first(Pick::Largest), 0);
-    assert_eq!(first(Pick::Smallest), 3);
-    assert_eq!(first(Pick::Rank(1)), 0);
-    assert_eq!(first(Pick::Rank(2)), 13);
-    assert_eq!(first(Pick::Label(2)), 3);
-    assert_eq!(first(Pick::At(4, 2)), 13);
+    }
+    assert_eq!(first(Pick::Largest, &labels), 0);
+    assert_eq!(first(Pick::Smallest, &labels), 3);
+    assert_eq!(first(Pick::Rank(1), &labels), 0);
+    assert_eq!(first(Pick::Rank(2), &labels), 13);
+    assert_eq!(first(Pick::Label(2), &labels), 3);
+    assert_eq!(first(Pick::At(4, 2), &labels), 13);
 }
 
 #[test]
@@ -323,7 +340,7 @@ fn a_region_of_the_whole_range_image_differs_from_one_at_its_border() {
 #[test]
 fn a_depth_step_separates_the_surfaces_of_a_region() {
     // The columns at the left are nearer by `step` mm; the label covers one of four of them.
-    let check = |step: &dyn Fn(f64) -> f64| {
+    fn check(step: &dyn Fn(f64) -> f64) -> (usize, String) {
         let cells = (0..200).map(|cell| [cell % 20, cell / 20].map(f64::from));
         let points = cells.map(|[x, y]| {
             let step = if x < 4.0 { step(y) } else { 0.0 };
@@ -334,7 +351,7 @@ fn a_depth_step_separates_the_surfaces_of_a_region() {
         let found =
             extract(&labels, &range, Pick::Largest, options(true, 0), &Progress::silent()).unwrap();
         (found.0.cells().len(), found.1.warning().unwrap_or_default())
-    };
+    }
     let (cells, warning) = check(&|_| 40.0);
     assert_eq!(cells, 80);
     assert!(warning.contains("at cell (3, 9): 10 cells on other surfaces"), "{warning}");

@@ -43,15 +43,22 @@ impl DepthSteps {
 pub(crate) fn without_steps(region: Mask, range: &RangeImage) -> (Mask, DepthSteps) {
     let (width, height) = (region.width(), region.height());
     let longest = longest_edge(range, JUMP);
-    let measured = |cell: usize| range.point(cell).filter(|_| !range.is_filled(cell));
-    let is_inside = |cell: usize| region.pixels()[cell] == 1;
+    fn measured(cell: usize, range: &RangeImage) -> Option<nalgebra::Point3<f64>> {
+        range.point(cell).filter(|_| !range.is_filled(cell))
+    }
+    fn is_inside(cell: usize, region: &Mask) -> bool {
+        region.pixels()[cell] == 1
+    }
     let mut surfaces = UnionFind::new(width * height);
     let mut crossed = Vec::new();
-    for cell in (0..width * height).filter(|&cell| is_inside(cell)) {
+    for cell in (0..width * height).filter(|&cell| is_inside(cell, &region)) {
         let right = (cell % width + 1 < width).then_some(cell + 1);
         let below = (cell + width < width * height).then_some(cell + width);
-        for other in [right, below].into_iter().flatten().filter(|&other| is_inside(other)) {
-            let distance = measured(cell).zip(measured(other)).map_or(0.0, |(a, b)| (b - a).norm());
+        for other in [right, below].into_iter().flatten().filter(|&other| is_inside(other, &region))
+        {
+            let distance = measured(cell, range)
+                .zip(measured(other, range))
+                .map_or(0.0, |(a, b)| (b - a).norm());
             if distance <= longest {
                 surfaces.union(cell as u32, other as u32);
             } else {
@@ -63,7 +70,7 @@ pub(crate) fn without_steps(region: Mask, range: &RangeImage) -> (Mask, DepthSte
         return (region, DepthSteps::default());
     };
     let mut sizes = vec![0_u32; width * height];
-    for cell in (0..width * height).filter(|&cell| is_inside(cell)) {
+    for cell in (0..width * height).filter(|&cell| is_inside(cell, &region)) {
         sizes[surfaces.find(cell as u32) as usize] += 1;
     }
     let most = sizes.iter().copied().max().unwrap_or_default();
@@ -83,7 +90,7 @@ pub(crate) fn without_steps(region: Mask, range: &RangeImage) -> (Mask, DepthSte
     across.dedup();
     let separated = across.iter().map(|&surface| sizes[surface as usize] as usize).sum();
     let kept = (0..width * height)
-        .map(|cell| is_inside(cell) && surfaces.find(cell as u32) == largest)
+        .map(|cell| is_inside(cell, &region) && surfaces.find(cell as u32) == largest)
         .collect::<Vec<bool>>();
     let cells = Mask::from_bools(width, height, kept).expect("one entry per cell");
     (cells, DepthSteps { separated, within, largest: ([cell % width, cell / width], distance) })

@@ -97,12 +97,20 @@ impl<'a> Parts<'a> {
         }
         let near = self.mesh.select(&faces);
         let pairs = near.crossings(|| progress.check())?;
-        let part = |face: u32| self.of_face[faces[face as usize] as usize];
-        let found = pairs.into_iter().find(|&[a, b]| part(a) != part(b));
+        fn part(face: u32, faces: &[u32], of_face: &[u32]) -> u32 {
+            of_face[faces[face as usize] as usize]
+        }
+        let found = pairs
+            .into_iter()
+            .find(|&[a, b]| part(a, &faces, &self.of_face) != part(b, &faces, &self.of_face));
         Ok(found.map(|[a, b]| {
             let face = near.faces().face(a as usize);
             let at = near.first_triangle_center(face);
-            self.bad_part(part(a).max(part(b)), at, Defect::Crosses)
+            self.bad_part(
+                part(a, &faces, &self.of_face).max(part(b, &faces, &self.of_face)),
+                at,
+                Defect::Crosses,
+            )
         }))
     }
 
@@ -171,18 +179,18 @@ impl<'a> Parts<'a> {
 
     /// Returns the faces whose boxes overlap the box of another part.
     fn faces_near_other_parts(&self) -> Vec<u32> {
-        let bounds_of = |face: usize| {
-            let corners = self.mesh.faces().face(face).iter();
+        fn bounds_of(face: usize, mesh: &Mesh) -> Bounds {
+            let corners = mesh.faces().face(face).iter();
             let corners: Vec<_> =
-                corners.map(|&vertex| self.mesh.positions()[vertex as usize]).collect();
+                corners.map(|&vertex| mesh.positions()[vertex as usize]).collect();
             Bounds::from_points(&corners)
-        };
+        }
         if self.count < 2 {
             return Vec::new();
         }
         let mut of_parts: Vec<Option<Bounds>> = vec![None; self.count];
         for (face, &part) in self.of_face.iter().enumerate() {
-            let bounds = bounds_of(face);
+            let bounds = bounds_of(face, self.mesh);
             let own = &mut of_parts[part as usize];
             *own = Some(own.map_or(bounds, |own| own.join(&bounds)));
         }
@@ -205,7 +213,7 @@ impl<'a> Parts<'a> {
             .filter(|&face| {
                 let others = &others[self.of_face[face] as usize];
                 !others.is_empty() && {
-                    let bounds = bounds_of(face);
+                    let bounds = bounds_of(face, self.mesh);
                     others.iter().any(|&other| of_parts[other as usize].overlaps(&bounds))
                 }
             })

@@ -31,9 +31,13 @@ pub(super) fn hit(corners: [[f64; 3]; 3], from: [f64; 3], axis: usize, near: f64
         let [left, right] = [offset[a][i] * offset[b][j], offset[a][j] * offset[b][i]];
         (left - right, 1e-14 * (left.abs() + right.abs()))
     });
-    let is_in = |sign: f64| areas.iter().all(|(area, error)| *error < area * sign);
-    let is_out = |sign: f64| areas.iter().any(|(area, error)| area * sign < -error);
-    if is_out(1.0) && is_out(-1.0) {
+    fn is_in(sign: f64, areas: &[(f64, f64); 3]) -> bool {
+        areas.iter().all(|(area, error)| *error < area * sign)
+    }
+    fn is_out(sign: f64, areas: &[(f64, f64); 3]) -> bool {
+        areas.iter().any(|(area, error)| area * sign < -error)
+    }
+    if is_out(1.0, &areas) && is_out(-1.0, &areas) {
         return Hit::None;
     }
     let sum: f64 = areas.iter().map(|it| it.0).sum();
@@ -43,7 +47,7 @@ pub(super) fn hit(corners: [[f64; 3]; 3], from: [f64; 3], axis: usize, near: f64
         _ if (0..3).all(|k| offset[k][axis] < -near) || areas.iter().all(|it| it.0 == 0.0) => {
             Hit::None
         }
-        _ if !is_in(1.0) && !is_in(-1.0) || along.abs() < near => Hit::Unclear,
+        _ if !is_in(1.0, &areas) && !is_in(-1.0, &areas) || along.abs() < near => Hit::Unclear,
         _ if along < 0.0 => Hit::None,
         _ if 0.0 < sum => Hit::Leaves,
         _ => Hit::Enters,

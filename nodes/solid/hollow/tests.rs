@@ -143,26 +143,28 @@ fn unsuitable_meshes_are_errors() {
         error(&mirrored, 2.0, 0.0),
         "the mesh is inside out; use `Orient` to turn it outward"
     );
-    let moved = |by: f64, scale: f64| {
+    fn moved(by: f64, scale: f64, solid: &Mesh) -> Mesh {
         let places = solid.positions().iter().map(|at| at * scale + Vector3::repeat(by));
         solid.with_positions(places.collect()).unwrap()
-    };
-    let merged = |other: &Mesh| merge(&[&solid, other], Poses::Ignore).unwrap();
-    let text = error(&merged(&moved(3.0, 0.5)), 2.0, 0.0);
+    }
+    fn merged(other: &Mesh, solid: &Mesh) -> Mesh {
+        merge(&[solid, other], Poses::Ignore).unwrap()
+    }
+    let text = error(&merged(&moved(3.0, 0.5, &solid), &solid), 2.0, 0.0);
     assert!(text.starts_with("part 2 of 2 at (3.000, "), "{text}");
     assert!(
         text.contains("is inside of another part, and both face outward; use `Orient`"),
         "{text}"
     );
-    let text = error(&merged(&moved(5.0, 1.0)), 2.0, 0.0);
+    let text = error(&merged(&moved(5.0, 1.0, &solid), &solid), 2.0, 0.0);
     assert!(text.starts_with("part 2 of 2 at "), "{text}");
     assert!(text.contains("overlaps another part; use `Boolean` with an empty `with`"), "{text}");
-    let text = error(&merged(&moved(0.0, 1.0)), 2.0, 0.0);
+    let text = error(&merged(&moved(0.0, 1.0, &solid), &solid), 2.0, 0.0);
     assert!(text.starts_with("part 1 of 2 at "), "{text}");
     // Solids that touch are none of these.
     let beside = solid.positions().iter().map(|at| at + Vector3::new(20.0, 0.0, 0.0)).collect();
     let beside = solid.with_positions(beside).unwrap();
-    assert!(hollow(&merged(&beside), (2.0, 0.0), &[], &Progress::silent()).is_ok());
+    assert!(hollow(&merged(&beside, &solid), (2.0, 0.0), &[], &Progress::silent()).is_ok());
     let empty = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap();
     assert_eq!(hollow(&empty, (2.0, 0.0), &[], &Progress::silent()).unwrap(), empty);
 }

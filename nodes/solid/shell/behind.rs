@@ -36,7 +36,9 @@ pub(super) struct Location {
 impl<'a> Behind<'a> {
     pub(super) fn new(mesh: &'a Mesh, tree: &'a TriangleTree) -> Result<Self, MeshError> {
         let (faces, positions, edges) = (mesh.faces(), mesh.positions(), mesh.edges());
-        let unit = |vector: Vector3<f64>| vector.try_normalize(0.0).unwrap_or_default();
+        fn unit(vector: Vector3<f64>) -> Vector3<f64> {
+            vector.try_normalize(0.0).unwrap_or_default()
+        }
         let of_faces: Vec<_> =
             (0..faces.len()).map(|face: usize| unit(mesh.area_vector(faces.face(face)))).collect();
         let mut of_edges = vec![Vector3::zeros(); edges.vertices.len()];
@@ -139,10 +141,12 @@ impl<'a> Behind<'a> {
     fn edge(&self, face: usize, [a, b]: [u32; 2]) -> Option<usize> {
         let (first, count) =
             (self.mesh.faces().first_corner(face), self.mesh.faces().face(face).len());
-        let next = |corner: u32| first + (corner as usize - first + 1) % count;
-        if next(a) == b as usize {
+        fn next(corner: u32, first: usize, count: usize) -> usize {
+            first + (corner as usize - first + 1) % count
+        }
+        if next(a, first, count) == b as usize {
             return Some(self.edges.of_corner[a as usize] as usize);
         }
-        (next(b) == a as usize).then(|| self.edges.of_corner[b as usize] as usize)
+        (next(b, first, count) == a as usize).then(|| self.edges.of_corner[b as usize] as usize)
     }
 }

@@ -254,17 +254,18 @@ impl<'a> Backs<'a> {
     pub(super) fn away(&self, height: f64) -> Motion {
         let faces = self.mesh.faces().iter();
         let mean = -faces.map(|face| self.mesh.area_vector(face)).sum::<Vector3<f64>>();
-        let direction = |back: usize| match self.mesh.frame() {
-            Some(_) => {
-                let ray = self.position(back).coords;
-                let sign = if mean.dot(&ray) < 0.0 { -1.0 } else { 1.0 };
-                ray.try_normalize(0.0).unwrap_or_default() * sign
-            }
-            None => mean.try_normalize(0.0).unwrap_or_default(),
-        };
         let count = self.first.len();
         Motion {
-            directions: (0..count).map(direction).collect(),
+            directions: (0..count)
+                .map(|back: usize| match self.mesh.frame() {
+                    Some(_) => {
+                        let ray = self.position(back).coords;
+                        let sign = if mean.dot(&ray) < 0.0 { -1.0 } else { 1.0 };
+                        ray.try_normalize(0.0).unwrap_or_default() * sign
+                    }
+                    None => mean.try_normalize(0.0).unwrap_or_default(),
+                })
+                .collect(),
             heights: vec![height; count],
             shifts: vec![Vector3::zeros(); count],
         }
@@ -577,13 +578,15 @@ impl<'a> Backs<'a> {
     /// Returns the back vertices of the front and of the back of a face of a layer.
     fn backs_of(&self, face: u32) -> (Vec<u32>, Vec<u32>) {
         let count = self.mesh.faces().len();
-        let backs = |face: usize| {
-            let first = self.mesh.faces().first_corner(face);
-            self.of_corner[first..first + self.mesh.faces().face(face).len()].to_vec()
-        };
+        fn backs(face: usize, of_corner: &[u32], mesh: &Mesh) -> Vec<u32> {
+            let first = mesh.faces().first_corner(face);
+            of_corner[first..first + mesh.faces().face(face).len()].to_vec()
+        }
         match face as usize {
-            face if face < count => (backs(face), Vec::new()),
-            face if face < 2 * count => (Vec::new(), backs(face - count)),
+            face if face < count => (backs(face, &self.of_corner, self.mesh), Vec::new()),
+            face if face < 2 * count => {
+                (Vec::new(), backs(face - count, &self.of_corner, self.mesh))
+            }
             face => {
                 let side = self.borders[(face - 2 * count) / 2];
                 let backs = self.sides[side as usize].backs.to_vec();
@@ -611,19 +614,25 @@ impl<'a> Backs<'a> {
             let moved = self.moved(back).into_iter().enumerate();
             moved.map(|(back, at)| layer.add_vertex(at, self.vertex(back))).collect()
         };
-        let corners = |face: usize| {
+        fn corners(face: usize, faces: &maquette_value::Faces) -> std::ops::Range<u32> {
             let first = faces.first_corner(face);
             first as u32..(first + faces.face(face).len()) as u32
-        };
+        }
         let place =
             |of: &[u32], corner: u32| [of[self.of_corner[corner as usize] as usize], corner];
         if !layer.has_faces() {
             for face in 0..faces.len() {
-                layer.add_face(corners(face).map(|corner| place(&front, corner)), face as u32);
+                layer.add_face(
+                    corners(face, faces).map(|corner| place(&front, corner)),
+                    face as u32,
+                );
             }
         }
         for face in 0..faces.len() {
-            layer.add_face(corners(face).rev().map(|corner| place(&back, corner)), face as u32);
+            layer.add_face(
+                corners(face, faces).rev().map(|corner| place(&back, corner)),
+                face as u32,
+            );
         }
         for side in self.borders.iter().map(|&side| &self.sides[side as usize]) {
             let [a, b] = side.corners;

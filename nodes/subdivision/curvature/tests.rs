@@ -149,26 +149,26 @@ fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
 fn curvature_scales_and_keeps_its_sign_when_mirrored() {
     let mesh = add_noise(&torus(24, 12, true), 0.03);
     for method in [CurvatureMethod::Limit, CurvatureMethod::Mesh, CurvatureMethod::Fit] {
-        let bend = |mesh: &Mesh| {
-            curvature(mesh, method, Scheme::Loop, Boundary::default(), &Progress::silent())
+        fn bend(mesh: &Mesh, method: &CurvatureMethod) -> Vec<Option<Bending>> {
+            curvature(mesh, *method, Scheme::Loop, Boundary::default(), &Progress::silent())
                 .unwrap()
                 .bending
-        };
+        }
         let positions = |map: fn(&Point3<f64>) -> Point3<f64>| mesh.positions().iter().map(map);
         let large = mesh.with_positions(positions(|p| p * 3.0).collect()).unwrap();
         let turned = mesh.faces().as_triangles().unwrap().iter().map(|&[a, b, c]| [a, c, b]);
         let turned = maquette_value::Faces::triangles(turned.collect());
         let mirrored =
             Mesh::new(positions(|p| Point3::new(-p.x, p.y, p.z)).collect::<Vec<_>>(), turned);
-        let own = bend(&mesh);
-        for (own, large) in own.iter().zip(bend(&large)) {
+        let own = bend(&mesh, &method);
+        for (own, large) in own.iter().zip(bend(&large, &method)) {
             let (own, large) = (own.unwrap(), large.unwrap());
             assert!(
                 (own.gaussian - 9.0 * large.gaussian).abs() < 1e-9 * (1.0 + own.gaussian.abs())
             );
             assert!((own.mean - 3.0 * large.mean).abs() < 1e-9 * (1.0 + own.mean.abs()));
         }
-        for (own, mirrored) in own.iter().zip(bend(&mirrored.unwrap())) {
+        for (own, mirrored) in own.iter().zip(bend(&mirrored.unwrap(), &method)) {
             let (own, mirrored) = (own.unwrap(), mirrored.unwrap());
             assert!((own.gaussian - mirrored.gaussian).abs() < 1e-8 * (1.0 + own.gaussian.abs()));
             assert!((own.mean - mirrored.mean).abs() < 1e-8 * (1.0 + own.mean.abs()));
@@ -295,10 +295,15 @@ fn faces_without_area_keep_the_angle_defects() {
 
 #[test]
 fn faces_without_area_interrupt_no_crease() {
-    let length = |mesh: &Mesh| -> f64 {
-        let place = |vertex: u32| mesh.positions()[vertex as usize];
-        crease(mesh, 40.0, 10.0).creases().map(|([a, b], _)| (place(b) - place(a)).norm()).sum()
-    };
+    fn length(mesh: &Mesh) -> f64 {
+        fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+            mesh.positions()[vertex as usize]
+        }
+        crease(mesh, 40.0, 10.0)
+            .creases()
+            .map(|([a, b], _)| (place(b, mesh) - place(a, mesh)).norm())
+            .sum()
+    }
     let corners = cube();
     let mut fine = Mesh::new(
         corners.positions().to_vec(),

@@ -227,29 +227,46 @@ fn moves_preserve_the_topology() {
 /// A plate or nut with `corners` corners, with a hole if `hole` is greater than 0, cut into small triangles. All edges of the coarse mesh
 /// are sharp, so that it is refined linearly.
 fn flat_thing(corners: u32, hole: f64, thickness: f64, levels: u32) -> Mesh {
-    let angle = |k: u32| std::f64::consts::TAU * f64::from(k) / f64::from(corners);
+    fn angle(k: u32, corners: u32) -> f64 {
+        std::f64::consts::TAU * f64::from(k) / f64::from(corners)
+    }
     let ring = |radius: f64, height: f64| {
         (0..corners).map(move |k| {
-            Point3::new(radius * libm::cos(angle(k)), radius * libm::sin(angle(k)), height)
+            Point3::new(
+                radius * libm::cos(angle(k, corners)),
+                radius * libm::sin(angle(k, corners)),
+                height,
+            )
         })
     };
     let mut points: Vec<_> = ring(10.0, 0.0).chain(ring(10.0, thickness)).collect();
     let mut quads = Vec::new();
-    let next = |k: u32| (k + 1) % corners;
-    quads.extend((0..corners).map(|k| [k, next(k), corners + next(k), corners + k]));
+    fn next(k: u32, corners: u32) -> u32 {
+        (k + 1) % corners
+    }
+    quads.extend(
+        (0..corners).map(|k| [k, next(k, corners), corners + next(k, corners), corners + k]),
+    );
     let mut faces: Vec<[u32; 3]> = Vec::new();
     if hole > 0.0 {
         points.extend(ring(hole, 0.0).chain(ring(hole, thickness)));
         let [low, high] = [2 * corners, 3 * corners];
-        quads.extend((0..corners).map(|k| [low + next(k), low + k, high + k, high + next(k)]));
-        quads.extend((0..corners).map(|k| [next(k), k, low + k, low + next(k)]));
         quads.extend(
-            (0..corners).map(|k| [corners + k, corners + next(k), high + next(k), high + k]),
+            (0..corners)
+                .map(|k| [low + next(k, corners), low + k, high + k, high + next(k, corners)]),
+        );
+        quads.extend((0..corners).map(|k| [next(k, corners), k, low + k, low + next(k, corners)]));
+        quads.extend(
+            (0..corners).map(|k| {
+                [corners + k, corners + next(k, corners), high + next(k, corners), high + k]
+            }),
         );
     } else {
         points.extend([Point3::origin(), Point3::new(0.0, 0.0, thickness)]);
-        faces.extend((0..corners).map(|k| [2 * corners, next(k), k]));
-        faces.extend((0..corners).map(|k| [2 * corners + 1, corners + k, corners + next(k)]));
+        faces.extend((0..corners).map(|k| [2 * corners, next(k, corners), k]));
+        faces.extend(
+            (0..corners).map(|k| [2 * corners + 1, corners + k, corners + next(k, corners)]),
+        );
     }
     faces.extend(quads.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]));
     let mesh = Mesh::new(points, Faces::triangles(faces)).unwrap();

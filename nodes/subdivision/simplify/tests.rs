@@ -336,9 +336,12 @@ fn a_texture_of_jagged_patches_does_not_lift_vertices_off_the_surface() {
 #[test]
 fn the_distance_from_the_origin_has_no_effect() {
     // Coordinates that both positions represent exactly.
-    let at = |p: &Point3<f64>| p.map(|x| (x * 65536.0).round() / 65536.0);
     let uneven = sheet(20, |x, y| 0.1 * libm::sin(9.0 * x) * libm::cos(7.0 * y));
-    let near = uneven.with_positions(uneven.positions().iter().map(at).collect()).unwrap();
+    let near = uneven
+        .with_positions(
+            uneven.positions().iter().map(|p| p.map(|x| (x * 65536.0).round() / 65536.0)).collect(),
+        )
+        .unwrap();
     // 500 km away, if the sheet is 1 mm wide.
     let offset = Vector3::new(536870912.0, -268435456.0, 67108864.0);
     let far = near.with_positions(near.positions().iter().map(|p| p + offset).collect()).unwrap();

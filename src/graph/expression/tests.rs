@@ -69,7 +69,9 @@ fn a_vector_is_taken_apart_into_its_numbers() {
     check_unit("shift.x - shift.y * 2", 1.0, "mm");
     check_unit("max(shift.x,.5)", 2.0, "mm");
     check("growth *.5", 6.0);
-    let wrong = |text| value(text).expect_err(text);
+    fn wrong(text: &str) -> String {
+        value(text).expect_err(text)
+    }
     assert_eq!(wrong("shift.z"), "`shift` has no `.z`: its last number is `shift.y`; ");
     assert_eq!(wrong("growth.x"), "`growth.x`: `growth` is not a vector; write `growth`");
     assert!(wrong("shape.x").starts_with("the graph has no parameter `shape`"));

@@ -65,7 +65,9 @@ impl Mesh {
                     if other_face <= face {
                         return;
                     }
-                    let contacts = |own, of, other| Contact { edge: own, of, other };
+                    fn contacts(own: [u32; 2], of: u32, other: u32) -> Contact {
+                        Contact { edge: own, of, other }
+                    }
                     match predicates.meet(corners, other_corners) {
                         Meeting::Apart => {}
                         Meeting::Cross => found.pairs.push([face, other_face]),

@@ -189,14 +189,18 @@ impl<'a> Tree<'a> {
         let Cell { x, y, side, .. } = *cell;
         let (right, bottom) = (x + side, y + side);
         let [end_x, end_y] = self.ends();
-        let before = |at: u32, end: u32, is_closed: bool| match at {
-            0 => is_closed.then_some(end - 1),
-            _ => Some(at - 1),
-        };
-        let after = |at: u32, end: u32, is_closed: bool| match at < end {
-            true => Some(at),
-            false => is_closed.then_some(0),
-        };
+        fn before(at: u32, end: u32, is_closed: bool) -> Option<u32> {
+            match at {
+                0 => is_closed.then_some(end - 1),
+                _ => Some(at - 1),
+            }
+        }
+        fn after(at: u32, end: u32, is_closed: bool) -> Option<u32> {
+            match at < end {
+                true => Some(at),
+                false => is_closed.then_some(0),
+            }
+        }
         let (closed_x, closed_y) = (self.joints.is_closed_u, self.joints.is_closed_v);
         [
             before(y, end_y, closed_y).map(|y| self.find(x, y)),

@@ -35,7 +35,9 @@ impl<'a> Joints<'a> {
     pub(super) fn new(surface: &'a Surface) -> Self {
         let tolerance = SAME_POINT * diagonal(surface.net.points());
         let mut joints = Self { surface, tolerance, is_closed_u: false, is_closed_v: false };
-        let ends = |knots: &KnotVector| <[f64; 2]>::from(knots.domain());
+        fn ends(knots: &KnotVector) -> [f64; 2] {
+            <[f64; 2]>::from(knots.domain())
+        }
         let [first, last] = ends(&surface.u).map(|u| joints.line(ParameterDirection::U, u));
         joints.is_closed_u = joints.agree(&first, &last);
         let [first, last] = ends(&surface.v).map(|v| joints.line(ParameterDirection::V, v));
@@ -46,7 +48,9 @@ impl<'a> Joints<'a> {
     /// The points of a line of the surface on which the parameter along `fixed` has the value `at`.
     fn line(&self, fixed: ParameterDirection, at: f64) -> Vec<Point3<f64>> {
         // Two pieces of the same knots that agree at more points than they have coefficients are equal.
-        let samples = |knots: &KnotVector| divide_spans(knots, 2 * (knots.degree() + 1));
+        fn samples(knots: &KnotVector) -> Vec<f64> {
+            divide_spans(knots, 2 * (knots.degree() + 1))
+        }
         match fixed {
             ParameterDirection::U => self.surface.grid(&[at], &samples(&self.surface.v)),
             ParameterDirection::V => self.surface.grid(&samples(&self.surface.u), &[at]),
@@ -70,13 +74,13 @@ impl<'a> Joints<'a> {
         [u, v]: [f64; 2],
         is_before: bool,
     ) -> Vector3<f64> {
-        let beside = |knots: &KnotVector, at: f64| {
+        fn beside(knots: &KnotVector, at: f64, is_before: bool) -> f64 {
             let (start, end) = knots.domain();
             at + BESIDE_POLE * if is_before { start - end } else { end - start }
-        };
+        }
         let normal = match fixed {
-            ParameterDirection::U => self.surface.normal(beside(&self.surface.u, u), v),
-            ParameterDirection::V => self.surface.normal(u, beside(&self.surface.v, v)),
+            ParameterDirection::U => self.surface.normal(beside(&self.surface.u, u, is_before), v),
+            ParameterDirection::V => self.surface.normal(u, beside(&self.surface.v, v, is_before)),
         };
         normal.map_or(Vector3::zeros(), Unit::into_inner)
     }
@@ -158,21 +162,23 @@ impl OpenMesh {
         }
         corners.iter_mut().for_each(|corner| *corner = numbers[*corner as usize]);
         drop((points, is_used, numbers));
-        let corner_normal = |[a, b]: [u32; 2]| match a == b {
-            true => normals[a as usize],
-            false => unit_or_zero(normals[a as usize] + normals[b as usize]),
-        };
+        fn corner_normal([a, b]: [u32; 2], normals: &[Vector3<f64>]) -> Vector3<f64> {
+            match a == b {
+                true => normals[a as usize],
+                false => unit_or_zero(normals[a as usize] + normals[b as usize]),
+            }
+        }
         let mut means = vec![Vector3::zeros(); joined_points.len()];
         for (&vertex, &origin) in corners.iter().zip(&origins) {
-            means[vertex as usize] += corner_normal(origin);
+            means[vertex as usize] += corner_normal(origin, &normals);
         }
         means.iter_mut().for_each(|sum| *sum = unit_or_zero(*sum));
         let is_smooth = corners.iter().zip(&origins).all(|(&vertex, &origin)| {
-            let normal = corner_normal(origin);
+            let normal = corner_normal(origin, &normals);
             normal == Vector3::zeros() || (means[vertex as usize] - normal).norm() <= SAME_NORMAL
         });
         let corner_normals = (!is_smooth).then(|| {
-            origins.iter().map(|&origin| corner_normal(origin).into()).collect::<Vec<_>>()
+            origins.iter().map(|&origin| corner_normal(origin, &normals).into()).collect::<Vec<_>>()
         });
         let uv = origins.iter().map(|origin| {
             let [a, b] = origin.map(|vertex| uv[vertex as usize]);

@@ -73,26 +73,36 @@ impl Surface {
     fn join_grid(&self, mut open: OpenMesh, [us, vs]: [&[f64]; 2]) -> Result<Mesh, MeshError> {
         let (rows, columns) = (us.len(), vs.len());
         let joints = Joints::new(self);
-        let vertex = |row: usize, column: usize| (row * columns + column) as u32;
+        fn vertex(row: usize, column: usize, columns: usize) -> u32 {
+            (row * columns + column) as u32
+        }
         // The points of the grid decide quickly for most lines that they are not poles.
-        let is_pole_u = |row: &usize| {
-            (1..columns).all(|column| joints.is_close(&open, vertex(*row, 0), vertex(*row, column)))
-                && joints.is_pole(ParameterDirection::U, us[*row])
-        };
-        let is_pole_v = |column: &usize| {
-            (1..rows).all(|row| joints.is_close(&open, vertex(0, *column), vertex(row, *column)))
-                && joints.is_pole(ParameterDirection::V, vs[*column])
-        };
-        let poles_u: Vec<usize> = (0..rows).filter(is_pole_u).collect();
-        let poles_v: Vec<usize> = (0..columns).filter(is_pole_v).collect();
+        let poles_u: Vec<usize> = (0..rows)
+            .filter(|row| {
+                (1..columns).all(|column| {
+                    joints.is_close(&open, vertex(*row, 0, columns), vertex(*row, column, columns))
+                }) && joints.is_pole(ParameterDirection::U, us[*row])
+            })
+            .collect();
+        let poles_v: Vec<usize> = (0..columns)
+            .filter(|column| {
+                (1..rows).all(|row| {
+                    joints.is_close(
+                        &open,
+                        vertex(0, *column, columns),
+                        vertex(row, *column, columns),
+                    )
+                }) && joints.is_pole(ParameterDirection::V, vs[*column])
+            })
+            .collect();
         let is_closed_u = joints.is_closed_u && MIN_AROUND < rows;
         let is_closed_v = joints.is_closed_v && MIN_AROUND < columns;
         if !is_closed_u && !is_closed_v && poles_u.is_empty() && poles_v.is_empty() {
             return open.into_mesh();
         }
-        let inner = |poles: &[usize], end: usize| -> Vec<usize> {
+        fn inner(poles: &[usize], end: usize) -> Vec<usize> {
             poles.iter().copied().filter(|&pole| 0 < pole && pole + 1 < end).collect()
-        };
+        }
         let (inner_u, inner_v) = (inner(&poles_u, rows), inner(&poles_v, columns));
         let lines_u = poles_u
             .iter()
@@ -107,7 +117,7 @@ impl Surface {
             let line = (0..columns).map(|column| {
                 let normal =
                     joints.normal_beside(ParameterDirection::U, [us[row], vs[column]], is_before);
-                open.set_normal(vertex(row, column), normal, is_new)
+                open.set_normal(vertex(row, column, columns), normal, is_new)
             });
             pole_sets.push(line.collect());
         }
@@ -117,13 +127,19 @@ impl Surface {
             let line = (0..rows).map(|row| {
                 let normal =
                     joints.normal_beside(ParameterDirection::V, [us[row], vs[column]], is_before);
-                open.set_normal(vertex(row, column), normal, is_new)
+                open.set_normal(vertex(row, column, columns), normal, is_new)
             });
             pole_sets.push(line.collect());
         }
-        let after = |poles: &[usize], at: usize, first: u32, length: usize, index: usize| {
+        fn after(
+            poles: &[usize],
+            at: usize,
+            first: u32,
+            length: usize,
+            index: usize,
+        ) -> Option<u32> {
             poles.binary_search(&at).ok().map(|k| first + (k * length + index) as u32)
-        };
+        }
         let first_of_u = (rows * columns) as u32;
         let mut corners = Vec::with_capacity(4 * (rows - 1) * (columns - 1));
         for row in 0..rows - 1 {
@@ -133,18 +149,21 @@ impl Surface {
                 corners.extend(ring.map(|(r, c)| {
                     let after_u = (r == row).then(|| after(&inner_u, r, first_of_u, columns, c));
                     let after_v = (c == column).then(|| after(&inner_v, c, first_of_v, rows, r));
-                    after_u.flatten().or(after_v.flatten()).unwrap_or(vertex(r, c))
+                    after_u.flatten().or(after_v.flatten()).unwrap_or(vertex(r, c, columns))
                 }));
             }
         }
         open.faces = Faces::uniform(4, corners)?;
         let mut joined = UnionFind::new(open.points.len());
         if is_closed_u {
-            (0..columns)
-                .for_each(|column| joined.union(vertex(0, column), vertex(rows - 1, column)));
+            (0..columns).for_each(|column| {
+                joined.union(vertex(0, column, columns), vertex(rows - 1, column, columns));
+            });
         }
         if is_closed_v {
-            (0..rows).for_each(|row| joined.union(vertex(row, 0), vertex(row, columns - 1)));
+            (0..rows).for_each(|row| {
+                joined.union(vertex(row, 0, columns), vertex(row, columns - 1, columns));
+            });
         }
         for set in pole_sets {
             set.iter().for_each(|&vertex| joined.union(set[0], vertex));
@@ -170,9 +189,21 @@ impl Surface {
         };
         let mut height = 0.0f64;
         for line in 0..lines.len() {
-            let at = |k: usize| grid[line * next_line + k * step];
+            fn at(
+                k: usize,
+                grid: &[Point3<f64>],
+                line: usize,
+                next_line: usize,
+                step: usize,
+            ) -> Point3<f64> {
+                grid[line * next_line + k * step]
+            }
             for k in (0..fine.len() - 1).step_by(2) {
-                height = height.max(distance(at(k + 1), at(k), at(k + 2)));
+                height = height.max(distance(
+                    at(k + 1, &grid, line, next_line, step),
+                    at(k, &grid, line, next_line, step),
+                    at(k + 2, &grid, line, next_line, step),
+                ));
             }
         }
         let allowed = CHORD * diagonal(self.net.points());

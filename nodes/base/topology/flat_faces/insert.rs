@@ -15,9 +15,9 @@ pub(crate) fn insert_flat_faces(mesh: &Mesh, count: usize, height: f64, seed: u6
     for _ in 0..count {
         let face = faces[random.next_below(faces.len())];
         let [a, b, _] = face;
-        let around = |vertex: u32, faces: &[[u32; 3]]| {
+        fn around(vertex: u32, faces: &[[u32; 3]]) -> Vec<usize> {
             (0..faces.len()).filter(|&face| faces[face].contains(&vertex)).collect::<Vec<_>>()
-        };
+        }
         let near: Vec<usize> = face.into_iter().flat_map(|vertex| around(vertex, &faces)).collect();
         let vertices: Vec<u32> = near.iter().flat_map(|&face| faces[face]).collect();
         if vertices.iter().any(|&vertex| is_used.get(vertex as usize) != Some(&false)) {
@@ -61,13 +61,15 @@ fn side(face: [u32; 3], a: u32, b: u32) -> Option<u32> {
 
 /// Returns the neighbors of a vertex in order around it; `None` if it is at a border or has fewer than four.
 fn ring(faces: &[[u32; 3]], vertex: u32) -> Option<Vec<u32>> {
-    let next = |at: u32| faces.iter().find_map(|&face| side(face, vertex, at));
+    fn next(at: u32, vertex: u32, faces: &[[u32; 3]]) -> Option<u32> {
+        faces.iter().find_map(|&face| side(face, vertex, at))
+    }
     let first = faces
         .iter()
         .find_map(|face| (0..3).find(|&k| face[k] == vertex).map(|k| face[(k + 1) % 3]))?;
     let mut ring = vec![first];
     loop {
-        match next(*ring.last()?)? {
+        match next(*ring.last()?, vertex, faces)? {
             vertex if vertex == first => break,
             vertex => ring.push(vertex),
         }

@@ -46,10 +46,12 @@ fn the_wavelength_does_not_depend_on_the_edges() {
 
 #[test]
 fn noise_and_smooth_surfaces_have_no_wavelength() {
-    let noise = |x: f64, y: f64| {
+    fn noise(x: f64, y: f64) -> f64 {
         0.01 * random((x * 7919.0) as i64 as u64 ^ ((y * 104729.0) as i64 as u64) << 20)
-    };
-    let smooth = |x: f64, y: f64| 0.2 * libm::sin(1.5 * x) * libm::cos(1.1 * y) + 0.3 * x * x;
+    }
+    fn smooth(x: f64, y: f64) -> f64 {
+        0.2 * libm::sin(1.5 * x) * libm::cos(1.1 * y) + 0.3 * x * x
+    }
     assert_eq!(measure(61, noise), None);
     assert_eq!(measure(61, smooth), None);
     assert_eq!(measure(61, |x, y| smooth(x, y) + noise(x, y)), None);

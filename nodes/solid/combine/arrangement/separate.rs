@@ -134,22 +134,24 @@ fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
 /// Returns the opposite of each half-edge. Where more than two parts meet at an edge, those that bound the same solid are paired. `None` if
 /// the parts are not closed.
 fn twins(corners: &[u32], points: &Points) -> Option<Vec<usize>> {
-    let ends = |half: usize| [corners[half], corners[next(half)]];
+    fn ends(half: usize, corners: &[u32]) -> [u32; 2] {
+        [corners[half], corners[next(half)]]
+    }
     let mut order: Vec<usize> = (0..corners.len()).collect();
-    order.sort_unstable_by_key(|&half| (sorted(ends(half)), half));
+    order.sort_unstable_by_key(|&half| (sorted(ends(half, corners)), half));
     let mut twins = vec![usize::MAX; corners.len()];
-    let mut link = |a: usize, b: usize| {
+    fn link(a: usize, b: usize, twins: &mut [usize]) {
         twins[a] = b;
         twins[b] = a;
-    };
-    for same in order.chunk_by(|&a, &b| sorted(ends(a)) == sorted(ends(b))) {
-        let is_forward = |half: usize| ends(half)[0] < ends(half)[1];
+    }
+    for same in order.chunk_by(|&a, &b| sorted(ends(a, corners)) == sorted(ends(b, corners))) {
+        let is_forward = |half: usize| ends(half, corners)[0] < ends(half, corners)[1];
         let forward = same.iter().filter(|&&half| is_forward(half)).count();
         if 2 * forward != same.len() {
             return None;
         }
         if let [a, b] = *same {
-            link(a, b);
+            link(a, b, &mut twins);
             continue;
         }
         // In the order of angles around the edge, the inside of a solid extends from a part with a backward half-edge to the next part with a
@@ -166,7 +168,7 @@ fn twins(corners: &[u32], points: &Points) -> Option<Vec<usize>> {
             } else if let Some((other, back)) = open.pop() {
                 is_linked[k] = true;
                 is_linked[other] = true;
-                link(half, back);
+                link(half, back, &mut twins);
             }
         }
     }
@@ -176,8 +178,10 @@ fn twins(corners: &[u32], points: &Points) -> Option<Vec<usize>> {
 /// Returns half-edges between the same points, with their indices in the list, in the order of angles around the edge.
 fn by_angle(same: &[usize], corners: &[u32], points: &Points) -> Vec<(usize, usize)> {
     let place = |corner: usize| Point3::from(points.rounded(corners[corner]));
-    let is_forward = |half: usize| corners[half] < corners[next(half)];
-    let [start, end] = match is_forward(same[0]) {
+    fn is_forward(half: usize, corners: &[u32]) -> bool {
+        corners[half] < corners[next(half)]
+    }
+    let [start, end] = match is_forward(same[0], corners) {
         true => [same[0], next(same[0])],
         false => [next(same[0]), same[0]],
     }
@@ -194,7 +198,9 @@ fn by_angle(same: &[usize], corners: &[u32], points: &Points) -> Vec<(usize, usi
         })
         .collect();
     round.sort_by(|a, b| {
-        a.0.total_cmp(&b.0).then(is_forward(b.2).cmp(&is_forward(a.2))).then(a.2.cmp(&b.2))
+        a.0.total_cmp(&b.0)
+            .then(is_forward(b.2, corners).cmp(&is_forward(a.2, corners)))
+            .then(a.2.cmp(&b.2))
     });
     round.into_iter().map(|(_, k, half)| (k, half)).collect()
 }

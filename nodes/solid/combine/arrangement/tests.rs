@@ -31,7 +31,9 @@ fn check(parts: &[Mesh], wanted: f64) -> Mesh {
 
 #[test]
 fn boxes_that_overlap_lie_in_each_other_or_coincide_are_united() {
-    let cube = |low: [f64; 3]| cuboid(low, [10.0; 3]);
+    fn cube(low: [f64; 3]) -> Mesh {
+        cuboid(low, [10.0; 3])
+    }
     check(&[cube([0.; 3]), cube([5., 6., 7.])], 2000.0 - 60.0);
     check(&[cube([0.; 3]), cube([5., 0., 0.])], 1500.0);
     check(&[cube([0.; 3]), cube([10., 0., 0.])], 2000.0);
@@ -63,10 +65,12 @@ fn faces_away_from_the_crossings_stay_bit_for_bit() {
 
 /// A random solid of a kind that meets others in all ways: boxes and octahedra of a lattice, turned boxes, balls.
 fn random_solid(random: &mut Random) -> Mesh {
-    let mut below = |limit: f64| (random.even() * limit).floor();
-    let low = [below(5.0), below(5.0), below(5.0)];
-    let sizes = [1.0 + below(4.0), 1.0 + below(4.0), 1.0 + below(4.0)];
-    match below(4.0) as u32 {
+    fn below(limit: f64, random: &mut Random) -> f64 {
+        (random.even() * limit).floor()
+    }
+    let low = [below(5.0, random), below(5.0, random), below(5.0, random)];
+    let sizes = [1.0 + below(4.0, random), 1.0 + below(4.0, random), 1.0 + below(4.0, random)];
+    match below(4.0, random) as u32 {
         0 => cuboid(low, sizes),
         1 => ball(low, sizes[0], 1),
         2 => ball(low, 1.7 + 0.3 * sizes[1], 4),

@@ -152,10 +152,12 @@ impl Triangulation<'_> {
 
     /// Flips edges, except those in the sorted list `fixed`, until no triangle has the tip of its neighbor in its circumcircle.
     fn make_delaunay(&mut self, fixed: &[[u32; 2]]) {
-        let is_free = |[p, q]: [u32; 2]| fixed.binary_search(&[p.min(q), p.max(q)]).is_err();
+        fn is_free([p, q]: [u32; 2], fixed: &[[u32; 2]]) -> bool {
+            fixed.binary_search(&[p.min(q), p.max(q)]).is_err()
+        }
         let mut open: Vec<[u32; 2]> = self.sides.keys().copied().filter(|[p, q]| p < q).collect();
         while let Some(edge) = open.pop() {
-            let Some(quad) = self.quad(edge).filter(|_| is_free(edge)) else { continue };
+            let Some(quad) = self.quad(edge).filter(|_| is_free(edge, fixed)) else { continue };
             let Quad { ends: [p, q], tips: [left, right], .. } = quad;
             let is_flipped = match self.points.in_circle([p, q, left, right], self.axes) {
                 Ordering::Less => false,

@@ -12,7 +12,9 @@ fn patch(
     is_hole: impl Fn(f64, f64) -> bool,
 ) -> Mesh {
     let width = columns + 1;
-    let share = |k: f64, count: u32| k / f64::from(count);
+    fn share(k: f64, count: u32) -> f64 {
+        k / f64::from(count)
+    }
     let positions: Vec<_> = (0..width * (rows + 1))
         .map(|k| place(share((k % width).into(), columns), share((k / width).into(), rows)))
         .collect();
@@ -51,18 +53,20 @@ fn cap(angle: f64) -> Mesh {
 }
 
 fn shapes(rng: &mut Random) -> Vec<(&'static str, Mesh)> {
-    let mut number = |low: f64, high: f64| low + (high - low) * rng.even();
+    fn number(low: f64, high: f64, rng: &mut Random) -> f64 {
+        low + (high - low) * rng.even()
+    }
     let (sin, cos) = (libm::sin, libm::cos);
     let whole = |_: f64, _: f64| false;
-    let (phase, long) = (number(0.0, 6.0), number(13.0, 18.0));
-    let bumps: [f64; 8] = std::array::from_fn(|_| number(0.0, 6.0));
-    let bumpy = move |u: f64, v: f64| {
+    let (phase, long) = (number(0.0, 6.0, rng), number(13.0, 18.0, rng));
+    let bumps: [f64; 8] = std::array::from_fn(|_| number(0.0, 6.0, rng));
+    fn bumpy(u: f64, v: f64, sin: fn(f64) -> f64, cos: fn(f64) -> f64, bumps: [f64; 8]) -> f64 {
         let waves = (0..4).map(|k: usize| {
             let way = f64::from(k as u32);
             sin(4.0 * cos(way) * u * 5.0 + bumps[k]) * sin(4.0 * sin(way) * v * 5.0 + bumps[k + 4])
         });
         0.5 * waves.sum::<f64>()
-    };
+    }
     vec![
         ("plane", patch([12, 9], |u, v| Point3::new(24.0 * u, 18.0 * v, 0.0), whole)),
         (
@@ -77,7 +81,7 @@ fn shapes(rng: &mut Random) -> Vec<(&'static str, Mesh)> {
                 whole,
             ),
         ),
-        ("cap", cap(number(0.5, 1.2))),
+        ("cap", cap(number(0.5, 1.2, rng))),
         ("half ball", cap(std::f64::consts::FRAC_PI_2)),
         (
             "cylinder",
@@ -132,7 +136,14 @@ fn shapes(rng: &mut Random) -> Vec<(&'static str, Mesh)> {
                 whole,
             ),
         ),
-        ("bumps", patch([50, 50], |u, v| Point3::new(40.0 * u, 40.0 * v, bumpy(u, v)), whole)),
+        (
+            "bumps",
+            patch(
+                [50, 50],
+                |u, v| Point3::new(40.0 * u, 40.0 * v, bumpy(u, v, sin, cos, bumps)),
+                whole,
+            ),
+        ),
     ]
 }
 

@@ -27,10 +27,10 @@ fn largest_bend(mesh: &Mesh) -> f64 {
 
 #[test]
 fn given_vertices_keep_their_bits() {
-    let sharp = |mesh: Mesh| {
+    fn sharp(mesh: Mesh) -> Mesh {
         let creases = [([0, 1], 10.0), ([1, 2], 1.5), ([0, 2], 0.5)];
         mesh.with_creases(creases).unwrap()
-    };
+    }
     let mut meshes: Vec<_> = [
         tetrahedron(),
         icosahedron(),
@@ -49,7 +49,9 @@ fn given_vertices_keep_their_bits() {
         assert_eq!(refined.positions()[..given], mesh.positions()[..]);
         assert_eq!(refined.faces().len(), 64 * mesh.faces().len());
         assert_eq!(refined.edges().misoriented, 0);
-        let border = |mesh: &Mesh| mesh.edges().faces.iter().filter(|faces| **faces == 1).count();
+        fn border(mesh: &Mesh) -> usize {
+            mesh.edges().faces.iter().filter(|faces| **faces == 1).count()
+        }
         assert_eq!(border(&refined), 8 * border(mesh));
         // Affine maps commute with the scheme, so the weights of each new vertex have the sum 1.
         let moved = mesh.positions().iter().map(|p| Point3::new(p.x + 64.0, p.y, p.z)).collect();
@@ -63,9 +65,9 @@ fn given_vertices_keep_their_bits() {
 #[test]
 fn cubics_are_exact_on_the_regular_lattice() {
     const SIDE: u32 = 16;
-    let cubic = |x: f64, y: f64| {
+    fn cubic(x: f64, y: f64) -> f64 {
         0.3 * x * x * x - 0.2 * x * x * y + 0.7 * x * y * y - 0.4 * y * y * y + x * x - y + 2.0
-    };
+    }
     let faces = (0..SIDE * SIDE).flat_map(|k| {
         let [a, b] = [k / SIDE * (SIDE + 1) + k % SIDE, (k / SIDE + 1) * (SIDE + 1) + k % SIDE];
         [[a, a + 1, b + 1], [a, b + 1, b]]
@@ -95,27 +97,38 @@ fn borders_and_creases_follow_the_four_point_rule_of_their_own_vertices() {
     let border: Vec<u32> =
         (0..edges.vertices.len() as u32).filter(|&e| edges.faces[e as usize] == 1).collect();
     let refined = butterfly(&sheet, 1);
-    let at = |vertex: u32| sheet.positions()[vertex as usize].coords;
+    fn at(vertex: u32, sheet: &Mesh) -> Vector3<f64> {
+        sheet.positions()[vertex as usize].coords
+    }
     let mut ordinary = 0;
     for &edge in &border {
         let [a, b] = edges.vertices[edge as usize];
-        let beyond = |from: u32, to: u32| {
+        fn beyond(
+            from: u32,
+            to: u32,
+            sheet: &Mesh,
+            border: &[u32],
+            edges_vertices: &[[u32; 2]],
+        ) -> Option<u32> {
             let faces = sheet.faces().corners().iter().filter(|&&corner| corner == from).count();
             let others = border.iter().flat_map(|&edge| {
-                let [p, q] = edges.vertices[edge as usize];
+                let [p, q] = edges_vertices[edge as usize];
                 [(p, q), (q, p)]
             });
             let other = others.filter(|&(p, q)| p == from && q != to).map(|(_, q)| q).next();
             other.filter(|_| faces > 1)
-        };
-        let expected = match (beyond(a, b), beyond(b, a)) {
+        }
+        let expected = match (
+            beyond(a, b, &sheet, &border, &edges.vertices),
+            beyond(b, a, &sheet, &border, &edges.vertices),
+        ) {
             (Some(p), Some(q)) => {
                 ordinary += 1;
-                (at(a) + at(b)) * 0.5625 - (at(p) + at(q)) * 0.0625
+                (at(a, &sheet) + at(b, &sheet)) * 0.5625 - (at(p, &sheet) + at(q, &sheet)) * 0.0625
             }
-            (Some(p), None) => at(a) * 0.75 + at(b) * 0.375 - at(p) * 0.125,
-            (None, Some(q)) => at(a) * 0.375 + at(b) * 0.75 - at(q) * 0.125,
-            (None, None) => (at(a) + at(b)) * 0.5,
+            (Some(p), None) => at(a, &sheet) * 0.75 + at(b, &sheet) * 0.375 - at(p, &sheet) * 0.125,
+            (None, Some(q)) => at(a, &sheet) * 0.375 + at(b, &sheet) * 0.75 - at(q, &sheet) * 0.125,
+            (None, None) => (at(a, &sheet) + at(b, &sheet)) * 0.5,
         };
         let found = refined.positions()[sheet.positions().len() + edge as usize];
         assert!((found.coords - expected).norm() < 1e-14);

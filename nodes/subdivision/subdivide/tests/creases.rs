@@ -256,9 +256,9 @@ fn a_plan_for_another_topology_is_an_error() {
 fn a_face_that_is_too_large_for_a_limit_is_an_error() {
     let count = 20_000;
     let mesh = scattered_polygons(vec![(0..count).collect()]);
-    let how = |limit: bool| {
+    fn how(limit: bool) -> Subdivision {
         scheme_options(Scheme::CatmullClark, u32::from(!limit), limit, Boundary::EdgeOnly)
-    };
+    }
     let error = subdivide(&mesh, how(true)).unwrap_err().to_string();
     assert!(error.contains("about 400 000 000 numbers"), "{error}");
     assert_eq!(subdivide(&mesh, how(false)).unwrap().faces().len(), 20_000);

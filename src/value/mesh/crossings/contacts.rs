@@ -134,14 +134,14 @@ impl Plane {
         triangle: Corners,
     ) -> bool {
         let sign = self.side(predicates, triangle);
-        let is_outside = |[u, v]: [u32; 2]| {
-            edge.iter().all(|&end| {
-                let side = self.side(predicates, [u, v, end]);
-                if sign < 0.0 { 0.0 <= side } else { side <= 0.0 }
-            })
-        };
         let sides = triangle.map(|vertex| self.side(predicates, [edge[0], edge[1], vertex]));
-        straddles(sides) && !edges_of(triangle).into_iter().any(is_outside)
+        straddles(sides)
+            && !edges_of(triangle).into_iter().any(|[u, v]: [u32; 2]| {
+                edge.iter().all(|&end| {
+                    let side = self.side(predicates, [u, v, end]);
+                    if sign < 0.0 { 0.0 <= side } else { side <= 0.0 }
+                })
+            })
     }
 
     /// Returns true if two edges in this plane are on one line and have more than a point in common.
@@ -202,12 +202,21 @@ pub(super) fn crossing_contacts(
         if plane.crosses_interior(predicates, contact.edge, other) {
             let ends = contact.edge;
             let sides = other.map(|vertex| plane.side(predicates, [ends[0], ends[1], vertex]));
-            let beside = |is_left: bool| {
+            fn beside(
+                is_left: bool,
+                other: [u32; 3],
+                sides: [f64; 3],
+                contact_other: u32,
+            ) -> Option<HalfPlane> {
                 let mut corners = other.into_iter().zip(sides);
                 let found = corners.find(|it| if is_left { 0.0 < it.1 } else { it.1 < 0.0 });
-                found.map(|it| HalfPlane { triangle: contact.other, toward: it.0 })
-            };
-            others.extend(beside(true).zip(beside(false)).map(|(left, right)| [left, right]));
+                found.map(|it| HalfPlane { triangle: contact_other, toward: it.0 })
+            }
+            others.extend(
+                beside(true, other, sides, contact.other)
+                    .zip(beside(false, other, sides, contact.other))
+                    .map(|(left, right)| [left, right]),
+            );
         }
         for edge in edges_of(other) {
             if plane.runs_along(predicates, contact.edge, edge)

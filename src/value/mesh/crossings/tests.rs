@@ -61,7 +61,16 @@ fn have_common_line(mesh: &Mesh, a: Corners, b: Corners) -> bool {
     }
     let line = normal(first).cross(&normal(second));
     // The interval of the common line inside of a triangle, as two fractions (numerator, positive denominator).
-    let interval = |own: [Vector3<i64>; 3], other: [Vector3<i64>; 3]| {
+    fn interval(
+        own: [Vector3<i64>; 3],
+        other: [Vector3<i64>; 3],
+        line: &nalgebra::Matrix<
+            i64,
+            nalgebra::Const<3>,
+            nalgebra::Const<1>,
+            nalgebra::ArrayStorage<i64, 3, 1>,
+        >,
+    ) -> Option<[(i64, i64); 2]> {
         let heights = own.map(|it| normal(other).dot(&(it - other[0])));
         let is_crossed = heights.iter().any(|it| *it < 0) && heights.iter().any(|it| 0 < *it);
         let mut ends: Vec<(i64, i64)> = Vec::new();
@@ -78,13 +87,13 @@ fn have_common_line(mesh: &Mesh, a: Corners, b: Corners) -> bool {
         }
         ends.sort_by(|p, q| (p.0 * q.1).cmp(&(q.0 * p.1)));
         is_crossed.then(|| [ends[0], ends[ends.len() - 1]])
-    };
+    }
     fn is_less(p: (i64, i64), q: (i64, i64)) -> bool {
         p.0 * q.1 < q.0 * p.1
     }
-    interval(first, second).zip(interval(second, first)).is_some_and(|([i, j], [k, l])| {
-        is_less(i, l) && is_less(k, j) && is_less(i, j) && is_less(k, l)
-    })
+    interval(first, second, &line).zip(interval(second, first, &line)).is_some_and(
+        |([i, j], [k, l])| is_less(i, l) && is_less(k, j) && is_less(i, j) && is_less(k, l),
+    )
 }
 
 #[test]
@@ -137,16 +146,18 @@ fn tetrahedron(random: &mut Random) -> Option<Solid> {
 
 /// A box with corners of a lattice, whose faces are divided along random diagonals.
 fn cuboid(random: &mut Random) -> Option<Solid> {
-    let mut number = || (random.even() * 4.0).floor();
-    let low = Vector3::new(number(), number(), number());
-    let size = Vector3::new(1.0 + number(), 1.0 + number(), 1.0 + number());
+    fn number(random: &mut Random) -> f64 {
+        (random.even() * 4.0).floor()
+    }
+    let low = Vector3::new(number(random), number(random), number(random));
+    let size = Vector3::new(1.0 + number(random), 1.0 + number(random), 1.0 + number(random));
     let corners = (0..8).map(|k: usize| {
         low + Vector3::from([0, 1, 2].map(|axis| size[axis] * (k >> axis & 1) as f64))
     });
     let corners = Vec::from_iter(corners);
     let sides =
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let faces = sides.iter().flat_map(|&[a, b, c, d]| match number() < 2.0 {
+    let faces = sides.iter().flat_map(|&[a, b, c, d]| match number(random) < 2.0 {
         true => [[a, b, c], [a, c, d]],
         false => [[a, b, d], [b, c, d]],
     });
@@ -161,10 +172,15 @@ fn do_surfaces_cross(a: &Solid, b: &Solid) -> Option<bool> {
         edges.map(|[p, q]| corners[q as usize] - corners[p as usize]).collect()
     }
     fn normals((corners, faces): &Solid) -> Vec<Vector3<f64>> {
-        let corner = |vertex: u32| corners[vertex as usize];
+        fn corner(vertex: u32, corners: &[Vector3<f64>]) -> Vector3<f64> {
+            corners[vertex as usize]
+        }
         faces
             .iter()
-            .map(|&[a, b, c]| (corner(b) - corner(a)).cross(&(corner(c) - corner(a))))
+            .map(|&[a, b, c]| {
+                (corner(b, corners) - corner(a, corners))
+                    .cross(&(corner(c, corners) - corner(a, corners)))
+            })
             .collect()
     }
     let mut axes = [normals(a), normals(b)].concat();
@@ -178,11 +194,11 @@ fn do_surfaces_cross(a: &Solid, b: &Solid) -> Option<bool> {
         f64::max(c - b, a - d)
     });
     let gap = gaps.fold(f64::NEG_INFINITY, f64::max);
-    let contains = |outer: &Solid, inner: &Solid| {
+    fn contains(outer: &Solid, inner: &Solid) -> bool {
         outer.1.iter().zip(normals(outer)).all(|(face, normal)| {
             inner.0.iter().all(|it| normal.dot(&(it - outer.0[face[0] as usize])) <= 0.0)
         })
-    };
+    }
     match gap {
         _ if 0.0 < gap => None,
         _ if gap == 0.0 || contains(a, b) || contains(b, a) => Some(false),
@@ -221,10 +237,12 @@ fn crossings_after_motion(
     motion: impl Fn(&Vector3<f64>) -> Point3<f64>,
     random: &mut Random,
 ) -> Vec<[u32; 2]> {
-    let mut below = |limit: usize| (random.even() * limit as f64) as usize;
+    fn below(limit: usize, random: &mut Random) -> usize {
+        (random.even() * limit as f64) as usize
+    }
     let mut shuffle = |count: usize| {
         let mut order = Vec::from_iter(0..count);
-        (1..count).for_each(|k| order.swap(k, below(k + 1)));
+        (1..count).for_each(|k| order.swap(k, below(k + 1, random)));
         order
     };
     let first = solids[0].0.len();
@@ -286,14 +304,14 @@ fn exact_contacts_get_one_verdict_in_all_positions_and_numberings() {
 
 #[test]
 fn boxes_of_equal_height_that_overlap_cross_and_those_side_by_side_touch() {
-    let boxes = |shift: f64| {
+    fn boxes(shift: f64) -> Vec<[u32; 2]> {
         let (corners, faces) = cuboid(&mut Random(5)).unwrap();
         let size = corners[7] - corners[0];
         let moved = corners.iter().map(|it| it + Vector3::x() * (shift * size.x));
         let positions = corners.iter().copied().chain(moved).map(Point3::from).collect();
         let other = faces.iter().map(|it| it.map(|vertex| vertex + 8));
         crossings(positions, &faces.iter().copied().chain(other).collect::<Vec<_>>())
-    };
+    }
     assert!(!boxes(0.5).is_empty());
     assert!(boxes(1.0).is_empty());
     assert!(boxes(0.0).is_empty());
