@@ -13,6 +13,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 mod curves;
+mod feature;
 mod net;
 mod original;
 mod sheet;

@@ -16,7 +16,7 @@ use maquette_value::{Mesh, MeshError, TriangleTree};
 use parts::Defect;
 use weld::weld;
 
-use super::hollow::how_to_close;
+use super::how_to_close::how_to_close;
 use crate::operation::Operation;
 use crate::transfer_attributes::transfer_attributes;
 use crate::volume::volume;

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::combine::{Parts, boolean};
 use crate::contour::Contour;
+use crate::how_to_close::how_to_close;
 use crate::operation::Operation;
 use crate::transfer_attributes::transfer_attributes;
 use crate::volume::volume;
@@ -266,16 +267,6 @@ fn drill(
     let lids = (0..SIDES).rev().chain(SIDES..2 * SIDES);
     let counts: Vec<_> = (0..SIDES).map(|_| 4).chain([SIDES as usize; 2]).collect();
     Mesh::new(Vec::from_iter(places), Faces::polygons(&counts, sides.chain(lids).collect())?)
-}
-
-/// Returns the help for a mesh that should be closed.
-pub(super) fn how_to_close(mesh: &Mesh) -> String {
-    match mesh.count_unjoined() {
-        0 => "use `Solid` to close it".to_owned(),
-        unjoined => {
-            format!("use `Weld` to join the {unjoined} vertices that share a position with another")
-        }
-    }
 }
 
 #[cfg(test)]

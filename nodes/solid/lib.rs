@@ -8,6 +8,7 @@ mod combine;
 mod contour;
 mod extended;
 mod hollow;
+mod how_to_close;
 mod offset;
 mod operation;
 mod polygons;

@@ -2,38 +2,8 @@
 
 use nalgebra::Point3;
 
-use super::net::{Kind, NONE, Net};
-
-/// An edge on a feature curve: a border, a crease or a sharp edge.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Feature {
-    /// The sharpness of the crease; 0 for other features.
-    pub sharpness: f64,
-    /// The index of the curve that contains the edge.
-    pub curve: u32,
-    /// The positions of the half-edge's start and end, in mm along the curve. On a closed curve any multiple of its length may be added.
-    pub span: [f64; 2],
-}
-
-impl Feature {
-    /// Returns an edge whose curve is not known yet.
-    pub(super) fn new(sharpness: f64) -> Self {
-        Self { sharpness, curve: NONE, span: [0.0; 2] }
-    }
-
-    /// Returns the same edge for the opposite half-edge.
-    pub(super) fn reversed(self) -> Self {
-        let [start, end] = self.span;
-        Self { span: [end, start], ..self }
-    }
-
-    /// Returns the two halves of the edge.
-    pub(super) fn halves(self) -> [Self; 2] {
-        let [start, end] = self.span;
-        let middle = (start + end) / 2.0;
-        [[start, middle], [middle, end]].map(|span| Self { span, ..self })
-    }
-}
+use super::feature::{Feature, NO_CURVE};
+use super::net::{Kind, Net};
 
 /// The feature curves of a surface. Each ends at corners, or is closed.
 #[derive(Debug)]
@@ -90,7 +60,7 @@ impl Curves {
 impl Curve {
     /// Follows a curve from a vertex and an edge until it ends at a corner or comes back. Returns `None` if the edge has a curve already.
     fn trace(net: &mut Net, start: u32, first: u32, index: u32) -> Option<Self> {
-        if net.features[first as usize]?.curve != NONE {
+        if net.features[first as usize]?.curve != NO_CURVE {
             return None;
         }
         let mut curve = Self {
@@ -131,7 +101,7 @@ impl Net {
     fn untraced(&self, vertex: u32) -> Option<u32> {
         let mut found = None;
         self.visit_neighbors(vertex, |_, h| {
-            if self.features[h as usize].is_some_and(|feature| feature.curve == NONE) {
+            if self.features[h as usize].is_some_and(|feature| feature.curve == NO_CURVE) {
                 found = Some(h);
             }
         });

@@ -4,7 +4,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::curves::Feature;
+use super::feature::Feature;
 
 /// Index of a half-edge that does not exist, because no triangle is adjacent or the triangle is deleted.
 pub(super) const NONE: u32 = u32::MAX;
