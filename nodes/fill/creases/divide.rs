@@ -12,7 +12,7 @@ use super::charts::adjacent_faces;
 use super::ends::find_ends;
 use super::pairing::{Pair, pair};
 use crate::border::rim::Rim;
-use crate::plain::plain_fill::{goes_too_far, membrane, min_weight_or_fan, plate};
+use crate::plain::plates::{goes_too_far, membrane, min_weight_or_fan, plate};
 use crate::plain::sizes::Sizes;
 use crate::triangles::density::RefineError;
 use crate::triangles::filling::Filling;

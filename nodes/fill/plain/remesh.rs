@@ -5,7 +5,7 @@ use nalgebra::Point3;
 
 use super::fairing::{Energy, fair};
 use super::hole_fill::HoleFill;
-use super::plain_fill::fair_as_plate;
+use super::plates::fair_as_plate;
 use super::sizes::Sizes;
 use crate::border::rim::{OneRings, Rim};
 use crate::triangles::density::{RefineError, refine};
