@@ -15,7 +15,7 @@ impl FileFormat for SurfacePly {
     const EXTENSION: &'static str = "ply";
 
     fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, Error> {
-        MeshPly::write(&surface.tessellate_open(0, 0)?, name)
+        MeshPly::write(&surface.tessellate(0, 0)?, name)
     }
 }
 
