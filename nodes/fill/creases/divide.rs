@@ -9,14 +9,14 @@ use maquette_node::Progress;
 use nalgebra::{Point3, Vector3};
 
 use super::charts::adjacent_faces;
-use super::ends::find_ends;
+use super::ends::{areas_around, find_ends};
 use super::pairing::{Pair, pair};
 use crate::border::rim::Rim;
 use crate::plain::plates::{goes_too_far, membrane, min_weight_or_fan, plate};
 use crate::plain::sizes::Sizes;
 use crate::triangles::density::RefineError;
 use crate::triangles::filling::Filling;
-use crate::triangles::triangulation::{Triangulation, area_vector};
+use crate::triangles::triangulation::Triangulation;
 
 /// Maximum distance of a rim vertex from a curve at which the rim runs along the crease, in edge lengths.
 const ALONG: f64 = 0.3;
@@ -391,16 +391,7 @@ struct PartRim {
 
 /// Returns the mean angle between adjacent triangles around a hole, in radians; 0 if there are none.
 fn mean_bend(rim: &Rim) -> f64 {
-    let areas: Vec<Vector3<f64>> = rim
-        .triangles
-        .iter()
-        .map(|face| {
-            area_vector(face.map(|index: u32| match rim.points.get(index as usize) {
-                Some(point) => *point,
-                None => rim.ring[index as usize - rim.len()],
-            }))
-        })
-        .collect();
+    let areas = areas_around(rim);
     let bends = adjacent_faces(&rim.triangles).into_iter().map(|pair| {
         let [a, b] = pair.map(|face| areas[face as usize]);
         libm::atan2(a.cross(&b).norm(), a.dot(&b))

@@ -82,10 +82,9 @@ impl CreaseEnd {
     }
 }
 
-/// Returns true if an edge of the data at the rim is sharp: a fast test that excludes most holes.
-fn may_have_creases(rim: &Rim) -> bool {
-    let areas: Vec<Vector3<f64>> = rim
-        .triangles
+/// Returns the area vectors of the triangles of the data around a hole.
+pub(super) fn areas_around(rim: &Rim) -> Vec<Vector3<f64>> {
+    rim.triangles
         .iter()
         .map(|face| {
             area_vector(face.map(|index: u32| match rim.points.get(index as usize) {
@@ -93,7 +92,12 @@ fn may_have_creases(rim: &Rim) -> bool {
                 None => rim.ring[index as usize - rim.len()],
             }))
         })
-        .collect();
+        .collect()
+}
+
+/// Returns true if an edge of the data at the rim is sharp: a fast test that excludes most holes.
+fn may_have_creases(rim: &Rim) -> bool {
+    let areas = areas_around(rim);
     adjacent_faces(&rim.triangles).iter().any(|pair| {
         let [a, b] = pair.map(|face| areas[face as usize]);
         a.dot(&b) < BLUNT_COSINE * a.norm() * b.norm()
