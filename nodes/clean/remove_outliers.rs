@@ -78,7 +78,12 @@ impl Node for RemoveOutliers {
         let apart = outliers(&scan, self.by, cx.progress())?;
         let kept = scan.select(&apart.iter().map(|apart| !apart).collect::<Vec<_>>());
         if kept.count() == 0 && scan.count() > 0 {
-            cx.warn(format!("all {} {} were removed", scan.positions().len(), scan.elements()));
+            let help = match self.by {
+                Outliers::Spread { .. } => "choose a larger `ratio`",
+                Outliers::Radius { .. } => "choose a larger `radius` or fewer `neighbors`",
+            };
+            let (count, elements) = (scan.positions().len(), scan.elements());
+            cx.warn(format!("all {count} {elements} were removed; {help}"));
         }
         Ok((kept,))
     }

@@ -1,11 +1,13 @@
 //! Removes small detail from a surface.
 
 use std::borrow::Cow;
+use std::collections::{BTreeMap, BTreeSet};
 
 use filter::Filter;
 use maquette_base::topology::flat_faces::FlatFaces;
+use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{Carry, Context, Error, Estimate, In, Node, Progress, Promise, Transfer, bail};
-use maquette_value::Mesh;
+use maquette_value::{Edges, Mesh};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -174,7 +176,32 @@ pub fn smooth(
         });
         places[vertex as usize] = points[vertex as usize] + moves.sum::<Vector3<f64>>();
     }
+    keep_apart(&mut places, mesh, &edges);
     Ok(mesh.with_positions(places)?)
+}
+
+/// Restores the distances between neighbors that have come to the same place, as the tip of a spike does: they move together, by the mean
+/// of their displacements, so that their faces keep an area. If one of them has not moved, none does.
+fn keep_apart(places: &mut [Point3<f64>], mesh: &Mesh, edges: &Edges) {
+    let (points, limit) = (mesh.positions(), 10.0 * mesh.flat_height());
+    let short = edges.vertices.iter().filter(|&&ends| edge_length(ends, places) <= limit);
+    let short: Vec<[u32; 2]> = short.copied().collect();
+    if short.iter().all(|&ends| edge_length(ends, points) <= limit) {
+        return;
+    }
+    let mut groups = UnionFind::new(places.len());
+    short.iter().for_each(|&[a, b]| groups.union(a, b));
+    let mut members: BTreeMap<u32, BTreeSet<usize>> = BTreeMap::new();
+    for &vertex in short.as_flattened() {
+        members.entry(groups.find(vertex)).or_default().insert(vertex as usize);
+    }
+    for group in members.values() {
+        let displacements = group.iter().map(|&vertex| places[vertex] - points[vertex]);
+        let is_fixed = displacements.clone().any(|step| step == Vector3::zeros());
+        let mean = displacements.sum::<Vector3<f64>>() / group.len() as f64;
+        let step = if is_fixed { Vector3::zeros() } else { mean };
+        group.iter().for_each(|&vertex| places[vertex] = points[vertex] + step);
+    }
 }
 
 /// Returns the triangles of all faces, those of a polygon as a fan around its first corner.

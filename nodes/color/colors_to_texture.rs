@@ -101,7 +101,7 @@ fn corner_colors(mesh: &Mesh) -> Result<Vec<Rgb>, Error> {
         None => {
             let (vertices, corners) = (mesh.positions().len(), corners.len());
             bail!(
-                "the mesh has no colors: neither its {vertices} vertices nor its {corners} corners have the attribute `color`"
+                "the mesh has no colors: neither its {vertices} vertices nor its {corners} corners have the attribute `color`; add colors with `TextureToColors` or `Bake`"
             )
         }
     }
@@ -143,7 +143,7 @@ mod tests {
     #[test]
     fn a_mesh_without_colors_is_an_error() {
         let text = colors_to_texture(&square(), 16, &Progress::silent()).unwrap_err().to_string();
-        let expected = "the mesh has no colors: neither its 4 vertices nor its 4 corners have the attribute `color`";
+        let expected = "the mesh has no colors: neither its 4 vertices nor its 4 corners have the attribute `color`; add colors with `TextureToColors` or `Bake`";
         assert_eq!(text, expected);
     }
 }

@@ -160,19 +160,23 @@ pub fn lay_out(mesh: &Mesh, layout: &Layout, progress: &Progress<'_>) -> Result<
 
 fn check(mesh: &Mesh) -> Result<(), Error> {
     let Some((low, high)) = mesh.bounds().filter(|_| !mesh.faces().is_empty()) else {
-        bail!("the mesh has no faces, so that there is nothing to lay out");
+        bail!(
+            "the mesh has no faces, so that there is nothing to lay out: use `Reconstruct` to make a surface of points"
+        );
     };
     let extent = (high - low).amax();
     let far = low.coords.amax().max(high.coords.amax());
     if !(extent < 1e100 && far < 1e100) {
         bail!(
-            "the mesh is {extent:e} mm large, or too far from the origin, which cannot be measured"
+            "the mesh is {extent:e} mm large and reaches {far:e} mm from the origin, expected less than 1e100 mm; scale it (`Transform`), or state its `unit` where it is read"
         );
     }
     let area: f64 = mesh.faces().iter().map(|face| mesh.area_vector(face).norm()).sum();
     if !(0.0 < area && 1e-100 < extent) {
         let faces = mesh.faces().len();
-        bail!("all {faces} faces of the mesh have zero area: nothing can be laid out");
+        bail!(
+            "all {faces} faces of the mesh have no area, so that nothing can be laid out; check the positions of its vertices, which extend over {extent:e} mm"
+        );
     }
     Ok(())
 }

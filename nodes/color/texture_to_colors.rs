@@ -88,7 +88,7 @@ pub fn texture_to_colors(
     };
     let Some(uv) = corner_uv(mesh) else {
         bail!(
-            "the mesh has no texture coordinates `uv`, by which its {} vertices could find their colors in the picture",
+            "the mesh has no texture coordinates `uv`, by which its {} vertices could find their colors in the picture; add both with `Texture` or `Bake`",
             mesh.positions().len()
         );
     };
@@ -266,7 +266,7 @@ mod tests {
             texture_to_colors(&mesh, Sampling::Area, &Progress::silent()).unwrap_err().to_string()
         }
         assert!(error(mesh.clone().with_texture(None)).starts_with("the mesh has no picture: add"));
-        let text = "the mesh has no texture coordinates `uv`, by which its 4 vertices could find their colors in the picture";
+        let text = "the mesh has no texture coordinates `uv`, by which its 4 vertices could find their colors in the picture; add both with `Texture` or `Bake`";
         assert_eq!(error(mesh.without_attribute("uv")), text);
     }
 }

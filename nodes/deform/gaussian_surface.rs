@@ -281,7 +281,7 @@ mod tests {
         let twice = [point([0.5; 2], 0.0, 0.1), point([0.5; 2], 1.0, 0.1)];
         assert!(gaussian_surface(&twice, false, [1, 1]).is_ok());
         let error = gaussian_surface(&twice, true, [1, 1]).unwrap_err();
-        let conflicting = "handles 0 and 1 have the same position but different targets";
+        let conflicting = "handles 0 and 1 have the same position but different targets; remove one of them, or give both the same target";
         assert_eq!(error.to_string(), conflicting);
     }
 }

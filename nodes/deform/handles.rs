@@ -6,7 +6,7 @@ use maquette_mesh::Movable;
 use maquette_node::{CancelledError, Context, Error, In, Node, Progress, bail};
 use maquette_value as value;
 use maquette_value::parallel::*;
-use maquette_value::{Attribute, Handle, HandleSpace};
+use maquette_value::{Attribute, Attributes, Handle, HandleSpace};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -96,7 +96,8 @@ impl Node for Handles {
         };
         if handles.len() < wanted {
             cx.warn(format!(
-                "the object has only {} distinct points for {wanted} handles",
+                "the object has only {} distinct points, so that it gets {} instead of {wanted} handles",
+                handles.len(),
                 handles.len()
             ));
         }
@@ -199,7 +200,10 @@ fn points_in_region(
         }
         HandleRegion::Marked(name) => {
             let marks = marks(object, name).ok_or_else(|| {
-                Error::new(format!("the object has no attribute `{name}` of one number per vertex"))
+                Error::new(format!(
+                    "the object has no attribute `{name}` of one number per vertex; {}",
+                    describe_marks(object)
+                ))
             })?;
             Box::new(move |index, _| marks[index])
         }
@@ -209,16 +213,45 @@ fn points_in_region(
         .filter(|(index, point)| inside(*index, (*point - origin).component_div(&scale)))
         .map(|(_, point)| *point)
         .collect();
-    if part.is_empty() { bail!("the region contains no point of the object") } else { Ok(part) }
+    if part.is_empty() {
+        let [low, high] =
+            [bounds.0, bounds.1].map(|corner| (corner - origin).component_div(&scale));
+        bail!(
+            "the region contains no point of the object, which is between ({:.3}, {:.3}, {:.3}) and ({:.3}, {:.3}, {:.3}) in its `space`",
+            low.x,
+            low.y,
+            low.z,
+            high.x,
+            high.y,
+            high.z
+        )
+    }
+    Ok(part)
+}
+
+/// Returns the attributes of an object's points, if objects of its type have attributes.
+fn attributes(object: &Movable) -> Option<&Attributes> {
+    match object {
+        Movable::Mesh(mesh) => Some(mesh.vertex()),
+        Movable::Points(points) => Some(points.attributes()),
+        Movable::RangeImage(_) | Movable::Curve(_) | Movable::ControlNet(_) => None,
+    }
+}
+
+/// Returns the part of an error message that lists the attributes that [`marks`] can read.
+fn describe_marks(object: &Movable) -> String {
+    let names = attributes(object).into_iter().flat_map(Attributes::iter).map(|(name, _)| name);
+    let names = names.filter(|name| marks(object, name).is_some());
+    let names: Vec<_> = names.map(|name| format!("`{name}`")).collect();
+    if names.is_empty() {
+        "it has none of this kind; use `Ball` or `Box`".to_owned()
+    } else {
+        format!("it has {}", names.join(", "))
+    }
 }
 
 fn marks(object: &Movable, name: &str) -> Option<Vec<bool>> {
-    let attribute = match object {
-        Movable::Mesh(mesh) => mesh.vertex().get(name),
-        Movable::Points(points) => points.attributes().get(name),
-        Movable::RangeImage(_) | Movable::Curve(_) | Movable::ControlNet(_) => None,
-    };
-    match attribute? {
+    match attributes(object)?.get(name)? {
         Attribute::Flag(flags) => Some(flags.iter().map(|flag| *flag > 0).collect()),
         Attribute::Index(numbers) => Some(numbers.iter().map(|number| *number > 0).collect()),
         Attribute::Number(numbers) => Some(numbers.iter().map(|number| *number > 0.0).collect()),

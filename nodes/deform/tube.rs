@@ -70,8 +70,13 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, Error> {
         points.pop();
     }
     VERTICES.check("the tube", points.len() as f64 * sides as f64)?;
-    let directions =
-        directions(&points, is_closed).ok_or_else(|| Error::new("the curve has no length"))?;
+    let directions = directions(&points, is_closed).ok_or_else(|| {
+        let at = points.first().copied().unwrap_or_default();
+        Error::new(format!(
+            "the curve has no length: all its points are at ({:.3}, {:.3}, {:.3})",
+            at.x, at.y, at.z
+        ))
+    })?;
     let mut side = any_normal(directions[0]);
     let mut positions = Vec::with_capacity(points.len() * sides);
     let mut before = directions[0];
@@ -266,7 +271,8 @@ mod tests {
     fn invalid_parameters_are_rejected() {
         let point = Point3::new(1.0, 1.0, 1.0);
         let curve = Curve::polyline(vec![point; 3], false).unwrap();
-        assert_eq!(tube(&curve, 1.0, 8).unwrap_err().to_string(), "the curve has no length");
+        let no_length = "the curve has no length: all its points are at (1.000, 1.000, 1.000)";
+        assert_eq!(tube(&curve, 1.0, 8).unwrap_err().to_string(), no_length);
         assert!(tube(&curve, 0.0, 8).is_err() && tube(&curve, 1.0, 2).is_err());
         let back = vec![point, Point3::new(2.0, 1.0, 1.0), point];
         assert!(tube(&Curve::polyline(back, false).unwrap(), 0.1, 3).is_ok());

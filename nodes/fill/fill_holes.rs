@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use maquette_base::topology::flat_faces::remove_flat_faces;
 use maquette_node::{
     Carry, Context, Error, Estimate, In, Node, Progress, Promise, Transfer, Want, bail,
 };
@@ -190,7 +191,12 @@ pub fn fill_holes(
             "borders touch: {joined} vertices are joined with others instead of filling between them, and later vertices have new indices"
         ));
     } else if chosen.holes.is_empty() && chosen.outer.is_empty() {
-        warnings.push("the mesh has no hole to fill".to_owned());
+        warnings.push(match rims.len() {
+            0 => "the mesh has no hole to fill: it is closed".to_owned(),
+            count => {
+                format!("no hole is filled: `holes` chooses none of the {count} rims of the mesh")
+            }
+        });
     }
     let holes: Vec<Vec<u32>> = chosen.holes.iter().map(|&hole| rims[hole].clone()).collect();
     let one_rings = OneRings::new(&filling, &holes);
@@ -214,7 +220,9 @@ pub fn fill_holes(
     }
     warnings.extend(describe_fallbacks(&chosen.holes, &fills));
     if let Err(elements) = check_rims(&filling, &one_rings, &holes) {
-        bail!("the filled mesh would not be manifold at {elements}");
+        bail!(
+            "the filled mesh would not be manifold at {elements}; leave the rim there out with `holes: Edges` or `holes: Loops`, or cut the faces around it away with `holes: Region`"
+        );
     }
     let (mut steps, mut copies) = (Vec::new(), None);
     if let FillMethod::Exemplar(options) = method {
@@ -287,7 +295,11 @@ pub fn fill_holes(
     };
     warnings.extend(describe_intersections(&chosen.holes, &hole_fills, &components));
     let trace = Trace::new(steps)?.with_bending(bending_energies(&filling, &fills))?;
-    Ok(FilledMesh { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, warnings })
+    let filled = filled_mesh(&mesh, &filling, copies.as_ref())?;
+    // Where vertices of a rim are on a line, a face of the fill may have no area.
+    let data_faces = mesh.faces().len() as u32;
+    let filled = remove_flat_faces(&filled, |face| data_faces <= face)?.unwrap_or(filled);
+    Ok(FilledMesh { mesh: filled, trace, warnings })
 }
 
 /// The border of a mesh and the holes to fill.
@@ -361,7 +373,7 @@ impl MeshBorder {
 fn not_manifold(elements: NotManifold) -> Error {
     Error::new(format!(
         "the mesh is not manifold at {elements}: an edge may have at most two faces, of equal orientation, and the faces \
-         around a vertex must be connected"
+         around a vertex must be connected; use `Orient` to turn faces, `Weld` to join parts, or `Crop` to take away what is there"
     ))
 }
 

@@ -38,8 +38,8 @@ impl Node for FillContour {
         let filled = fill_contour(mask, self.close as usize);
         if filled == *mask {
             cx.warn(match self.close {
-                0 => "nothing is enclosed".to_owned(),
-                radius => format!("nothing is enclosed, not even with gaps closed by {radius} px"),
+                0 => "nothing is enclosed; use `close` to close gaps".to_owned(),
+                radius => format!("nothing is enclosed, not even with gaps closed by {radius} px; use a larger `close`"),
             });
         }
         Ok((filled,))

@@ -91,7 +91,11 @@ pub fn texture(
     mapping: Mapping,
 ) -> Result<Mesh, Error> {
     if image.pixels().is_empty() {
-        bail!("the picture has no pixels");
+        bail!(
+            "the picture has {} x {} pixels, expected at least 1 x 1",
+            image.width(),
+            image.height()
+        );
     }
     let mapped = match mapping {
         Mapping::Bound => {
@@ -205,7 +209,7 @@ impl Window {
             if half[k].is_nan() || half[k] <= 0.0 {
                 let axis = ['x', 'y'][k];
                 bail!(
-                    "the object has no extent along {axis}, by which the picture could be scaled"
+                    "the object has no extent along {axis}, by which the picture could be scaled; use `Transform` to turn it towards the z axis"
                 );
             }
         }
@@ -386,10 +390,13 @@ mod tests {
             error(picture(1, 1), Mapping::Bound, &line),
             "the mesh has no texture coordinates `uv` to be bound by: triangulate a capture first, or use `Planar`"
         );
-        assert_eq!(error(picture(0, 1), flat, &line), "the picture has no pixels");
+        assert_eq!(
+            error(picture(0, 1), flat, &line),
+            "the picture has 0 x 1 pixels, expected at least 1 x 1"
+        );
         assert_eq!(
             error(picture(1, 1), flat, &line),
-            "the object has no extent along y, by which the picture could be scaled"
+            "the object has no extent along y, by which the picture could be scaled; use `Transform` to turn it towards the z axis"
         );
         let scale = (1., f64::NAN);
         assert!(texture(&line, &picture(1, 1), None, Mapping::Planar { scale }).is_err());

@@ -93,7 +93,11 @@ impl Node for ControlNet {
         let (region, range) = (cx.get(&self.region), cx.get(&self.range));
         let net = control_net(region, range, self.method, self.rows, self.columns, cx.progress())?;
         if !net.fixed_points().contains(&0) {
-            cx.warn("every point of the net is on the region's border: no offset will move it");
+            cx.warn(format!(
+                "every one of the {} x {} points of the net is on the region's border: no offset will move it; choose a larger region, or more `rows` and `columns`",
+                net.rows(),
+                net.columns()
+            ));
         }
         Ok((net,))
     }
@@ -326,7 +330,7 @@ pub(super) mod tests {
         }
         let point = region(&range, |x, y| (x, y) == (2, 2));
         let all = region(&range, |_, _| true);
-        let degenerate = "the region has 1 rows and 1 columns of cells, too few for a surface";
+        let degenerate = "the region has 1 rows and 1 columns of cells, but a surface needs 2 of both; choose a larger region";
         assert_eq!(error(&point, NetMethod::Grid, 0, 0, &range), degenerate);
         assert_eq!(error(&point, NetMethod::Rows, 0, 0, &range), degenerate);
         assert_eq!(error(&all, NetMethod::Auto, 0, 9, &range), FIXED_SIZE);

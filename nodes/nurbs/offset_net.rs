@@ -125,7 +125,10 @@ fn sum_of_steps(
             let axis = axis.filter(|axis| axis.cross(&direction).norm() > PARALLEL);
             let Some(axis) = axis.map(Unit::into_inner) else {
                 bail!(
-                    "step {index} has no rotation axis: it must not be parallel to the direction"
+                    "step {index} has no rotation axis: give an `axis` that is not parallel to the direction ({:.3}, {:.3}, {:.3})",
+                    direction.x,
+                    direction.y,
+                    direction.z
                 );
             };
             let angle = step.angle * (std::f64::consts::PI / 180.0);
@@ -305,14 +308,17 @@ mod tests {
     #[test]
     fn an_axis_along_the_direction_turns_nothing() {
         let parallel = displacement(&[step(1.0, 0.0, [0.0; 3]), step(1.0, 10.0, [0.0, 0.0, 2.0])]);
-        let no_axis = "step 1 has no rotation axis: it must not be parallel to the direction";
-        assert_eq!(parallel.unwrap_err().to_string(), no_axis);
+        let parallel = parallel.unwrap_err().to_string();
+        assert!(parallel.starts_with("step 1 has no rotation axis: give an `axis`"), "{parallel}");
         let along_x = Some(Unit::new_unchecked(Vector3::x()));
         let steps = [step(1.0, 10.0, [0.0; 3])];
         let chosen =
             offset_net(&net(), along_x, None, None, &steps, Profile::Plateau, &Progress::silent());
-        let no_axis = "step 0 has no rotation axis: it must not be parallel to the direction";
-        assert_eq!(chosen.unwrap_err().to_string(), no_axis);
+        let chosen = chosen.unwrap_err().to_string();
+        assert!(
+            chosen.ends_with("not parallel to the direction (1.000, 0.000, 0.000)"),
+            "{chosen}"
+        );
     }
 
     #[test]

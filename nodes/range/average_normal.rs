@@ -103,7 +103,7 @@ pub fn principal_normal(region: &Region, range: &RangeImage) -> Result<Direction
     check_size(region, range)?;
     let (center, size) = (centroid(region.points()), size_of(region.points()));
     if size == 0.0 || !size.is_finite() {
-        return Err(no_plane());
+        return Err(no_plane(region));
     }
     let covariance: Matrix3<f64> = region
         .points()
@@ -118,14 +118,18 @@ pub fn principal_normal(region: &Region, range: &RangeImage) -> Result<Direction
     order.sort_by(|&a, &b| axes.eigenvalues[a].total_cmp(&axes.eigenvalues[b]));
     let [smallest, middle, largest] = order;
     if axes.eigenvalues[middle] <= MIN_SPREAD * axes.eigenvalues[largest] {
-        return Err(no_plane());
+        return Err(no_plane(region));
     }
     let axis = axes.eigenvectors.column(smallest).into_owned();
     Ok(Direction::mean(towards_sensor(axis, region, range))?)
 }
 
-fn no_plane() -> Error {
-    Error::new("the points of the region are on a line or coincide, so there is no normal")
+fn no_plane(region: &Region) -> Error {
+    let (count, at) = (region.points().len(), centroid(region.points()));
+    Error::new(format!(
+        "the {count} points of the region around ({:.3}, {:.3}, {:.3}) are on a line or coincide, so there is no normal; choose a larger region",
+        at.x, at.y, at.z
+    ))
 }
 
 /// The minimum spread of points across a line for which they define a plane, as the squared ratio to the spread along the line: a ratio of
@@ -319,9 +323,8 @@ mod tests {
     }
 
     fn assert_no_plane(region: &Region, range: &RangeImage) {
-        let error = principal_normal(region, range).unwrap_err();
-        let expected = "the points of the region are on a line or coincide, so there is no normal";
-        assert_eq!(error.to_string(), expected);
+        let error = principal_normal(region, range).unwrap_err().to_string();
+        assert!(error.contains("are on a line or coincide, so there is no normal"), "{error}");
     }
 
     #[test]

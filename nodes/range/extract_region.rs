@@ -84,7 +84,7 @@ impl Node for ExtractRegion {
         let [columns, rows] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
         if columns < 3 || rows < 3 {
             cx.warn(format!(
-                "the region is only {columns} x {rows} cells, so it has no interior cells"
+                "the region is only {columns} x {rows} cells, so it has no interior cells; label a larger area"
             ));
         }
         if is_everything(&region) {
@@ -159,7 +159,7 @@ fn extract(
     if cells == 0 {
         let area = labels.statistics()[number as usize - 1].area;
         bail!(
-            "label {number} has {area} pixels, but they do not cover half of any cell of the range grid"
+            "label {number} has {area} pixels, but they do not cover half of any cell of the range grid; label a larger area"
         );
     }
     let closed = close(&covered, options.close_radius);

@@ -82,7 +82,14 @@ impl Node for Foreground {
         let image = self.image.as_ref().map(|image| cx.get(image));
         let mask = foreground(range, image, &self.by, self.fill_holes, self.close as usize)?;
         if mask.count() == 0 {
-            cx.warn("no pixel is foreground");
+            let help = match self.by {
+                ForegroundBy::Valid => "the range image has no valid point",
+                ForegroundBy::KeyColor { .. } => {
+                    "the whole picture has the background's `color`; choose a smaller `distance`"
+                }
+                ForegroundBy::Luma { .. } => "no pixel is bright enough; choose a lower `above`",
+            };
+            cx.warn(format!("no pixel is foreground: {help}"));
         }
         Ok((mask,))
     }

@@ -116,7 +116,7 @@ pub fn dominant_plane(scan: &Scan, distance: f64, rank: u32) -> Result<PlaneInSc
         found = find_plane(&left, distance);
         if found.is_none() {
             bail!(
-                "there is no plane of rank {rank}: the remaining {} points are too few or on a line",
+                "there is no plane of rank {rank}: the remaining {} points are too few or on a line; choose a smaller `rank` or `distance`",
                 left.len()
             );
         }
@@ -443,7 +443,7 @@ mod tests {
             let scan = Scan::Points(Points::new(points).unwrap());
             let error = dominant_plane(&scan, 5.0, 1).err().unwrap();
             let message = format!(
-                "there is no plane of rank 1: the remaining {count} points are too few or on a line"
+                "there is no plane of rank 1: the remaining {count} points are too few or on a line; choose a smaller `rank` or `distance`"
             );
             assert_eq!(error.to_string(), message);
         }

@@ -10,6 +10,7 @@ use arrangement::arrange;
 use cut::Cut;
 use films::has_film;
 use intersections::{NoInsideError, Pair};
+use maquette_base::topology::flat_faces::remove_flat_faces;
 use maquette_mesh::{Poses, merge};
 use maquette_node::{Error, Progress, bail};
 use maquette_value::{Mesh, MeshError, TriangleTree};
@@ -102,6 +103,7 @@ pub fn boolean(
             None => error,
         })?;
     }
+    let made = without_flat_faces(made)?;
     // A solid without a capture frame keeps its coordinates when it is combined with captured ones.
     let frames = others.iter().filter_map(|other| other.frame());
     let same_axes = frames.into_iter().all(|frame| Some(frame) == mesh.frame());
@@ -128,7 +130,11 @@ fn with_united_parts<'a>(mesh: &'a Mesh, progress: &Progress<'_>) -> Result<Cow<
 /// # Errors
 /// Returns an error if the mesh is not closed, rounding makes the result cross itself, or the evaluation is cancelled.
 pub(crate) fn unite(mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, Error> {
-    arrange(mesh, &[0], |windings| 0 < windings[0], progress)
+    Ok(without_flat_faces(arrange(mesh, &[0], |windings| 0 < windings[0], progress)?)?)
+}
+
+fn without_flat_faces(mesh: Mesh) -> Result<Mesh, MeshError> {
+    Ok(remove_flat_faces(&mesh, |_| true)?.unwrap_or(mesh))
 }
 
 /// Transfers to the mesh `to` the attributes that `from` has and `to` lacks.

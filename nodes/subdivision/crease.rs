@@ -5,7 +5,7 @@ use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::sharp_edges::crease;
+use super::sharp_edges::{crease, largest_angle};
 
 /// Marks the edges of a mesh as creases at which the angle between the faces' normals exceeds a threshold.
 ///
@@ -44,7 +44,11 @@ impl Node for Crease {
         let mesh = cx.get(&self.mesh);
         let creased = crease(mesh, self.angle, self.sharpness);
         if creased.creases().len() == 0 {
-            cx.warn(format!("no edge has an angle of more than {} degrees", self.angle));
+            cx.warn(format!(
+                "no edge has an angle of more than {} degrees; the largest is {:.1}",
+                self.angle,
+                largest_angle(mesh)
+            ));
         }
         Ok((creased,))
     }

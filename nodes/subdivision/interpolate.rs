@@ -131,7 +131,12 @@ fn fixed_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, Error> {
     }
     match mesh.vertex().get(name) {
         Some(Attribute::Flag(flags)) => Ok(flags.iter().map(|&flag| flag == 1).collect()),
-        _ => bail!("the mesh has no vertex attribute `{name}` of flags"),
+        _ => {
+            let others = mesh.vertex().iter().filter(|it| matches!(it.1, Attribute::Flag(_)));
+            let others: Vec<_> = others.map(|(name, _)| format!("`{name}`")).collect();
+            let others = if others.is_empty() { "none".to_owned() } else { others.join(", ") };
+            bail!("the mesh has no vertex attribute `{name}` of flags; it has {others}")
+        }
     }
 }
 

@@ -91,13 +91,20 @@ pub fn interpolate_curve(
         |control| Some(family.curve(control).ok()?.sample(pieces)),
         || matrix(&family, basis, points.len(), curve.is_closed()),
     )?;
-    let found = solution
-        .ok_or_else(|| Error::new("the points do not determine the curve: some coincide"))?
-        .outcome;
+    let found = solution.ok_or_else(|| undetermined(points))?.outcome;
     found.try_map(points, |control| match basis {
         CurveBasis::BSpline(_) => family.curve(&control),
         _ => curve.with_points(control),
     })
+}
+
+/// Returns the error of points that do not determine a curve. It names two neighbors at one place, if there are any.
+fn undetermined(points: &[Point3<f64>]) -> Error {
+    let pair = points.windows(2).position(|pair| pair[0] == pair[1]);
+    let cause = pair.map_or(String::new(), |index| {
+        format!(": points {index} and {}, counted from 0, are in one place; remove one", index + 1)
+    });
+    Error::new(format!("the points do not determine the curve{cause}"))
 }
 
 /// Creates the linear equations that determine the control points. Each end point of an open curve is a separate block of equations; these

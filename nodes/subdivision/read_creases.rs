@@ -65,7 +65,10 @@ pub fn read_creases(mesh: &Mesh, bytes: &[u8]) -> Result<Mesh, Error> {
     let creases: Vec<Edge> = file.edges.into_iter().chain(groups).collect();
     for &Edge { v: [a, b], sharpness } in &creases {
         if !edges.contains(&[a.min(b), a.max(b)]) {
-            bail!("there is no edge between the vertices {a} and {b}");
+            bail!(
+                "there is no edge between the vertices {a} and {b}; the file is for a mesh with this edge, the given one has {} vertices, numbered from 0",
+                mesh.positions().len()
+            );
         }
         if !sharpness.is_finite() || sharpness < 0.0 {
             bail!(

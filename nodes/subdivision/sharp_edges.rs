@@ -7,6 +7,18 @@ use nalgebra::Vector3;
 /// Marks as creases those edges of `mesh` whose two faces have normals that differ by more than `angle` degrees. Edges without exactly two
 /// faces are left unchanged. Faces without area have the normals of their neighbors, as [`unit_normals`] finds them.
 pub fn crease(mesh: &Mesh, angle: f64, sharpness: f64) -> Mesh {
+    let limit = angle.to_radians();
+    let bent = edge_angles(mesh).into_iter().filter(|(_, angle)| *angle > limit);
+    merge_creases(mesh, bent.map(|(ends, _)| (ends, sharpness)), f64::max)
+}
+
+/// Returns the largest angle between the normals of two faces at an edge, in degrees; 0 if no edge has two faces.
+pub(super) fn largest_angle(mesh: &Mesh) -> f64 {
+    edge_angles(mesh).into_iter().map(|(_, angle)| angle.to_degrees()).fold(0.0, f64::max)
+}
+
+/// Returns the edges with two faces, each with the angle between the normals of its faces, in radians.
+fn edge_angles(mesh: &Mesh) -> Vec<([u32; 2], f64)> {
     let edges = mesh.edges();
     let normals = unit_normals(mesh, &edges);
     let mut sums = vec![[Vector3::zeros(); 2]; edges.vertices.len()];
@@ -20,14 +32,9 @@ pub fn crease(mesh: &Mesh, angle: f64, sharpness: f64) -> Mesh {
             }
         }
     }
-    let limit = angle.to_radians();
-    let bent = (0..sums.len())
-        .filter(|edge| {
-            let [a, b] = sums[*edge];
-            edges.faces[*edge] == 2 && libm::atan2(a.cross(&b).norm(), a.dot(&b)) > limit
-        })
-        .map(|edge| (edges.vertices[edge], sharpness));
-    merge_creases(mesh, bent, f64::max)
+    let inner = (0..sums.len()).filter(|&edge| edges.faces[edge] == 2);
+    let angle = |[a, b]: [Vector3<f64>; 2]| libm::atan2(a.cross(&b).norm(), a.dot(&b));
+    inner.map(|edge| (edges.vertices[edge], angle(sums[edge]))).collect()
 }
 
 /// Returns the mesh with additional creases. If an edge is a crease already, `choose` combines the old and the new sharpness.

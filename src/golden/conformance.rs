@@ -24,6 +24,7 @@ mod formats;
 mod migrations;
 mod promises;
 mod scalars;
+mod shapes;
 mod updates;
 mod values;
 
@@ -40,7 +41,8 @@ const MEMORY: usize = 1 << 30;
 /// 4. The node's example `<examples>/<Node>.ron` exists and runs.
 /// 5. Changing any parameter of a node changes the key of its result.
 /// 6. Equal inputs give equal bytes for 1, 2 and 8 threads.
-/// 7. Edge cases of the input types cause errors, not panics.
+/// 7. Edge cases of the input types cause errors, not panics. From meshes of moderate size, such as those with faces without area, a node
+///    computes no numbers that are not finite.
 /// 8. A node finishes, fails with an error, or stops soon after cancellation, even if its numbers are at the ends of their ranges. They are
 ///    tested one by one and together, with the values of its example and with edge cases.
 /// 9. A reader of files returns a value or an error for any bytes. It is tested with files that the pack writes, intact and damaged.
@@ -51,6 +53,8 @@ const MEMORY: usize = 1 << 30;
 ///     update its result for unchanged inputs can also update it for changed ones.
 /// 14. If a format can encode a file in pieces, the pieces equal the corresponding parts of the whole file, wherever they begin
 ///     and end. Pieces with the same source are equal.
+/// 15. A node gives the same result for a shape wherever it is, whatever its size is, and whatever faces without area it has. What it makes
+///     of meshes without such faces has none.
 ///
 /// `others` are further packs, whose nodes the examples use.
 ///
@@ -246,6 +250,7 @@ fn check_example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut
         .filter_map(|(path, to)| load(vec![(format!("{}.{path}", graph.nodes()[index].name), to)]));
     updates::check(&case, others, broken);
     extremes::check(&case, &load, broken);
+    shapes::check(&case, &load, broken);
 }
 
 /// Evaluates a graph with this number of threads, and returns the first output of every node.
@@ -312,15 +317,35 @@ fn check_edge_cases(
         for value in port.types.iter().flat_map(|kind| hostile.values(kind)) {
             let mut inputs = good.clone();
             let what = format!("{value:?}");
+            let is_moderate = is_moderate(&value);
             inputs[slot] = value;
-            if let Err(panic) = run_node(node, &inputs, Progress::silent()) {
-                broken.push(format!(
+            match call_with_context(&inputs, Progress::silent(), |cx| node.node.eval(cx)) {
+                Err(panic) => broken.push(format!(
                     "{} panics on a hostile {what} at `{}`: {panic}",
                     entry.name, link.port
-                ));
+                )),
+                Ok((Err(error), _)) if is_moderate && error.to_string().contains(NOT_FINITE) => {
+                    broken.push(format!(
+                        "{} computes numbers that are not finite from {what} at `{}`: {error}",
+                        entry.name, link.port
+                    ));
+                }
+                Ok(_) => {}
             }
         }
     }
+}
+
+/// The end of the message of a value that cannot be made because a number is NaN or infinite.
+const NOT_FINITE: &str = "is not finite";
+
+/// The magnitude below which coordinates cannot cause an overflow in any sound computation, in mm.
+const MODERATE: f64 = 1e9;
+
+/// Returns true for a mesh whose coordinates are not so large that computations with them may overflow.
+fn is_moderate(value: &AnyValue) -> bool {
+    let bounds = value.get::<maquette_value::Mesh>().and_then(maquette_value::Mesh::bounds);
+    bounds.is_some_and(|(low, high)| low.coords.amax().max(high.coords.amax()) < MODERATE)
 }
 
 /// The value types by name. They provide the edge cases.

@@ -5,12 +5,16 @@ use std::borrow::Cow;
 use super::topology::{Topology, border_loops};
 use super::{AnyValue, ElementKind, FactValue, Items, Meaning, Part, Parts};
 
-/// Returns all counts of a value with their names. For a mesh these are its topology; for any other value, its facts that are counts.
+/// Returns all counts of a value with their names. For a mesh these are its topology and its faces
+/// without area; for any other value, its facts that are counts.
 pub fn value_counts(value: &AnyValue) -> Vec<(Cow<'static, str>, i64)> {
     match value.as_mesh() {
         Some(mesh) => {
-            let loops = [("border loops", border_loops(&mesh) as i64)];
-            let facts = Topology::from_mesh(&mesh).facts().into_iter().chain(loops);
+            let others = [
+                ("border loops", border_loops(&mesh) as i64),
+                ("faces without area", mesh.flat_faces().len() as i64),
+            ];
+            let facts = Topology::from_mesh(&mesh).facts().into_iter().chain(others);
             facts.map(|(name, count)| (name.into(), count)).collect()
         }
         None => counts(&value.parts()),

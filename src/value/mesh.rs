@@ -16,6 +16,7 @@ mod derived;
 mod diff;
 mod elements;
 mod faces;
+mod flat;
 mod nearest;
 mod normals;
 mod properties;

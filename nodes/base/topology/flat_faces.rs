@@ -5,11 +5,16 @@
 //! edge, weighted by distance, which is exact for values that are linear on each face. Therefore a computation gives the same result as on
 //! the mesh without the face and the vertex. The limits are where cotangents exceed 1000 and would cancel each other badly.
 
+#[cfg(test)]
+mod insert;
+mod remove;
+
 use std::collections::BTreeMap;
 
 use maquette_value::parallel::*;
 use maquette_value::{Edges, Mesh};
 use nalgebra::{Point3, Vector3};
+pub use remove::remove_flat_faces;
 
 /// A triangle is a cap, whose middle vertex depends on its longest edge, if the cotangent of its largest angle is below the negative of this
 /// number: if the angle is less than 0.06 degrees from a straight one.

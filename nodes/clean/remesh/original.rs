@@ -36,7 +36,15 @@ impl<'a> Original<'a> {
         let edges = faces.edges();
         let crowded = edges.faces.iter().filter(|&&faces| 2 < faces).count();
         if crowded > 0 {
-            bail!("{crowded} edges have more than two faces: the mesh is not a surface there");
+            let first = edges.faces.iter().position(|&faces| 2 < faces).unwrap_or_default();
+            let [a, b] = edges.vertices[first];
+            let at = nalgebra::center(&mesh.positions()[a as usize], &mesh.positions()[b as usize]);
+            bail!(
+                "{crowded} edges have more than two faces, the first one at ({:.3}, {:.3}, {:.3}): the mesh is not a surface there; use `Solid(base: Keep, repair: Voxels())` or `Reconstruct` to make one of it",
+                at.x,
+                at.y,
+                at.z
+            );
         }
         if edges.misoriented > 0 {
             bail!(

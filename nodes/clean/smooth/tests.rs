@@ -199,3 +199,20 @@ fn faces_without_area_change_nothing() {
         }
     }
 }
+
+#[test]
+fn the_tip_of_a_spike_keeps_its_area() {
+    let plane = cut(&sheet(20, |_, _| 0.0));
+    let mut points = plane.positions().to_vec();
+    // The vertex in the middle and its neighbors: within a hundredth of an edge, and two edges above the others.
+    let middle = points[220];
+    for vertex in [220, 219, 221, 199, 241] {
+        let off: Vector3<f64> = points[vertex] - middle;
+        points[vertex] = middle + off * 0.01 + Vector3::new(0.0, 0.0, 1.0);
+    }
+    let spike = Mesh::new(points, plane.faces().clone()).unwrap();
+    assert!(spike.flat_faces().is_empty());
+    let smooth = smooth_with(&spike, 5.0, true);
+    assert!(smooth.flat_faces().is_empty(), "{:?}", smooth.flat_faces());
+    assert!(smooth.positions()[220].z < 0.5);
+}

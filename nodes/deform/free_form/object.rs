@@ -122,7 +122,10 @@ pub(crate) fn rebuild(object: &Movable, field: Field) -> Result<Movable, Error> 
                     !old.x.is_nan() && !new.coords.iter().all(|x| x.is_finite())
                 })
             {
-                bail!("the deformed point of cell {cell} is not finite");
+                let (column, row) = (cell % range.width(), cell / range.width());
+                bail!(
+                    "the deformed point of cell ({column}, {row}) is not finite; move the handles less far, or give them a larger `sigma`"
+                );
             }
             Movable::RangeImage(range.with_points(field.positions)?)
         }

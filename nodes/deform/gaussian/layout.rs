@@ -106,7 +106,7 @@ pub(crate) fn prepare(
         if let Some(twin) = twin {
             if (to - prepared.targets[twin]).norm() > SAME_TARGET * diagonal {
                 bail!(
-                    "handles {} and {index} have the same position but different targets",
+                    "handles {} and {index} have the same position but different targets; remove one of them, or give both the same target",
                     originals[twin]
                 );
             }

@@ -192,7 +192,7 @@ fn coincident_handles_are_merged_or_rejected() {
     assert_eq!(report.merged, [[8, 0]]);
     handles[8].to = Some([0.0, 0.0, 0.1]);
     let error = try_move(&[near], &handles, options_in_unit(Mode::Displacement)).unwrap_err();
-    let conflicting = "handles 0 and 8 have the same position but different targets";
+    let conflicting = "handles 0 and 8 have the same position but different targets; remove one of them, or give both the same target";
     assert_eq!(error.to_string(), conflicting);
 }
 

@@ -57,11 +57,19 @@ pub(crate) fn vertices_in_region(mesh: &Mesh, region: &HoleRegion) -> Result<Vec
 /// # Errors
 /// Returns an error if the mesh has no flag or number named `name` per vertex.
 pub(crate) fn marked_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, Error> {
+    fn is_mark(attribute: &Attribute) -> bool {
+        matches!(attribute, Attribute::Flag(_) | Attribute::Index(_) | Attribute::Number(_))
+    }
     Ok(match mesh.vertex().get(name) {
         Some(Attribute::Flag(flags)) => flags.iter().map(|&flag| flag != 0).collect(),
         Some(Attribute::Index(numbers)) => numbers.iter().map(|&number| number != 0).collect(),
         Some(Attribute::Number(numbers)) => numbers.iter().map(|&number| number != 0.0).collect(),
-        _ => bail!("the mesh has no vertex attribute `{name}` of flags or numbers"),
+        _ => {
+            let others = mesh.vertex().iter().filter(|(_, attribute)| is_mark(attribute));
+            let others: Vec<_> = others.map(|(name, _)| format!("`{name}`")).collect();
+            let others = if others.is_empty() { "none".to_owned() } else { others.join(", ") };
+            bail!("the mesh has no vertex attribute `{name}` of flags or numbers; it has {others}")
+        }
     })
 }
 

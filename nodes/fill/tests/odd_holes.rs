@@ -145,3 +145,21 @@ fn without_iterations_the_fill_is_the_start() {
     assert_eq!(started.trace.steps(), []);
     assert_eq!(started.warnings, plain.warnings);
 }
+
+#[test]
+fn straight_rims_are_filled_without_faces_that_have_no_area() {
+    let plane = grid(14, 13, |_, _| 0.0);
+    for reach in [0.5, 1.5, 3.5] {
+        for stretch in [0.5, 2.5] {
+            let open = remove_vertices(&plane, |p| {
+                (p.x - 6.0).abs() < reach + stretch && (p.y - 6.0).abs() < reach
+            });
+            for method in PLAIN {
+                let filled = fill(&open, HoleChoice::Edges { max: 45 }, method.clone()).unwrap();
+                let flat = filled.mesh.flat_faces();
+                assert!(flat.is_empty(), "{method:?} {reach} {stretch}: {flat:?}");
+                assert_eq!(check_kept(&open, &filled.mesh), 2 * (13 + 12));
+            }
+        }
+    }
+}

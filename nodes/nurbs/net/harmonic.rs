@@ -30,7 +30,7 @@ const SNAP: f64 = 3.0;
 /// Returns the error of a region with too few rows or columns of cells.
 pub(crate) fn degenerate_region(rows: usize, columns: usize) -> Error {
     Error::new(format!(
-        "the region has {rows} rows and {columns} columns of cells, too few for a surface"
+        "the region has {rows} rows and {columns} columns of cells, but a surface needs 2 of both; choose a larger region"
     ))
 }
 
@@ -196,7 +196,12 @@ fn given_corners(
         }
     }
     if !in_order(corners, disk.border.len()) {
-        bail!("the corners do not follow each other counter-clockwise along the region's contour");
+        let mut order = [0, 1, 2, 3];
+        order.sort_by_key(|&k: &usize| corners[k]);
+        let order = order.map(|k| format!("({}, {})", cells[k][0], cells[k][1])).join(", ");
+        bail!(
+            "the corners do not follow each other counter-clockwise along the region's contour; write them as {order}"
+        );
     }
     Ok(corners)
 }

@@ -104,7 +104,7 @@ fn middle(region: &Region, window: &GridWindow) -> [f64; 2] {
 }
 
 /// The error message for a region that has disconnected parts.
-pub(crate) const PARTS: &str = "the region is in several parts: a net covers one";
+pub(crate) const PARTS: &str = "the region is in several parts, but a net covers one; keep one by `pick` of `ExtractRegion`, or join them by its `close`";
 
 /// Returns the contour of the region as a closed line through the centers of its cells: the (column, row) of each, relative to the center.
 fn outline(window: &GridWindow, center: [f64; 2]) -> Result<Vec<[f64; 2]>, Error> {

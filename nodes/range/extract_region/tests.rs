@@ -317,7 +317,7 @@ fn a_part_without_cells_or_points_is_an_error() {
             .to_string()
     }
     let map = Registration::corners([2, 1], [4, 2]);
-    expect!["label 1 has 1 pixels, but they do not cover half of any cell of the range grid"]
+    expect!["label 1 has 1 pixels, but they do not cover half of any cell of the range grid; label a larger area"]
         .assert_eq(&message(&full(2, 1).with_registration(map), &["#...", "...."]));
     expect!["label 1 covers 2 cells of the range grid, but no usable one has a point"]
         .assert_eq(&message(&scan(&["..#"]), &["##."]));

@@ -107,6 +107,13 @@ fn volume_and_mesh(first: &Mesh, second: &Mesh, how: Operation) -> (f64, Mesh) {
         made.positions(),
         made.faces().iter().collect::<Vec<_>>()
     );
+    assert_eq!(
+        made.flat_faces(),
+        Vec::<u32>::new(),
+        "{how:?} {:?} {:?}",
+        first.bounds(),
+        second.bounds()
+    );
     (size(&made), made)
 }
 

@@ -383,7 +383,10 @@ fn invalid_input_is_an_error() {
     let not_linear = interpolate_error(Scheme::DooSabin, &closest);
     assert!(not_linear.starts_with("solver Pcg solves only linear equations"), "{not_linear}");
     let loops = interpolate_error(Scheme::Loop, &InterpolateOptions::default());
-    assert_eq!(loops, "face 0 has 4 corners, but Loop's scheme needs triangles");
+    assert_eq!(
+        loops,
+        "face 0 has 4 corners, but Loop's scheme needs triangles; use `CatmullClark`, or `Remesh` to make triangles"
+    );
 }
 
 /// Divides each polygon into a fan of triangles.

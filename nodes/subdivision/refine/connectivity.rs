@@ -83,7 +83,11 @@ impl Connectivity {
         if vertices.is_empty() {
             return Ok(());
         }
-        Err(non_manifold("vertices join fans of faces", vertices.iter().map(u32::to_string)))
+        Err(non_manifold(
+            "vertices join fans of faces",
+            vertices.iter().map(u32::to_string),
+            "use `Remesh`, which separates them",
+        ))
     }
 
     /// The number of edges whose owner is a half-edge before the one at `corner`.
@@ -152,6 +156,7 @@ fn check_edges(edges: &Edges, mesh: &Connectivity) -> Result<(), Error> {
     Err(non_manifold(
         "edges have more than two faces or faces that disagree about their side",
         bad.iter().map(|[a, b]| format!("({a}, {b})")),
+        "use `Orient` to turn faces, or `Solid(base: Keep, repair: Voxels())` to make one surface",
     ))
 }
 
@@ -159,12 +164,12 @@ fn check_edges(edges: &Edges, mesh: &Connectivity) -> Result<(), Error> {
 const MAX_LISTED: usize = 5;
 
 /// Returns the error of a mesh that is not manifold. `defects` lists its non-manifold edges or vertices, and `what` says what is wrong with
-/// them.
-fn non_manifold(what: &str, defects: impl ExactSizeIterator<Item = String>) -> Error {
+/// them, and `help` what to do.
+fn non_manifold(what: &str, defects: impl ExactSizeIterator<Item = String>, help: &str) -> Error {
     let count = defects.len();
     let mut first: Vec<String> = defects.take(MAX_LISTED).collect();
     if count > MAX_LISTED {
         first.push("...".to_owned());
     }
-    Error::new(format!("the mesh is not a surface: {count} {what}: {}", first.join(", ")))
+    Error::new(format!("the mesh is not a surface: {count} {what}: {}; {help}", first.join(", ")))
 }

@@ -436,7 +436,7 @@ pub(crate) fn check_triangles(faces: &Faces, scheme: &str) -> Result<(), Error> 
     }
     match (0..faces.len()).find(|&face| faces.face(face).len() != 3) {
         Some(face) => bail!(
-            "face {face} has {} corners, but {scheme} needs triangles",
+            "face {face} has {} corners, but {scheme} needs triangles; use `CatmullClark`, or `Remesh` to make triangles",
             faces.face(face).len()
         ),
         None => Ok(()),

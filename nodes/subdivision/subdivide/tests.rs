@@ -450,15 +450,18 @@ fn polygons_and_non_manifold_meshes_are_errors() {
     let mixed = Faces::polygons(&[3, 4], vec![0, 1, 2, 0, 2, 3, 4]).unwrap();
     assert_eq!(
         error(&Mesh::new(points, mixed).unwrap()),
-        "face 1 has 4 corners, but Loop's scheme needs triangles"
+        "face 1 has 4 corners, but Loop's scheme needs triangles; use `CatmullClark`, or `Remesh` to make triangles"
     );
     let three = error(&scattered_mesh(vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]));
-    let expected = "the mesh is not a surface: 1 edges have more than two faces or faces that disagree about their side: (0, 1)";
+    let expected = "the mesh is not a surface: 1 edges have more than two faces or faces that disagree about their side: (0, 1); use `Orient` to turn faces, or `Solid(base: Keep, repair: Voxels())` to make one surface";
     assert_eq!(three, expected);
     let turned = error(&scattered_mesh(vec![[0, 1, 2], [0, 1, 3]]));
     assert_eq!(turned, expected);
     let bow_tie = error(&scattered_mesh(vec![[0, 1, 2], [0, 3, 4]]));
-    assert_eq!(bow_tie, "the mesh is not a surface: 1 vertices join fans of faces: 0");
+    assert_eq!(
+        bow_tie,
+        "the mesh is not a surface: 1 vertices join fans of faces: 0; use `Remesh`, which separates them"
+    );
 }
 
 #[test]

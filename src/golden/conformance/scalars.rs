@@ -30,8 +30,14 @@ impl Scalars<'_> {
         match value {
             Json::Null => {}
             Json::Array(items) => {
+                let mut of_items = schema["items"].clone();
+                // The unit of a list is that of its items.
+                if let (Some(unit), Some(of_items)) = (schema.get("unit"), of_items.as_object_mut())
+                {
+                    of_items.entry("unit").or_insert_with(|| unit.clone());
+                }
                 for (index, item) in items.iter().take(self.max_items).enumerate() {
-                    self.visit_value(&format!("{path}.{index}"), item, &schema["items"], visit);
+                    self.visit_value(&format!("{path}.{index}"), item, &of_items, visit);
                 }
             }
             Json::Object(entries) => {

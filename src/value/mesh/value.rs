@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use super::properties::PROPERTIES;
 use super::{Faces, Mesh, describe_bounds};
 use crate::content::{Content, content_of_fields};
-use crate::edge_cases::point_sets;
+use crate::edge_cases::{odd_solids, point_sets};
 use crate::frame::counts;
 use crate::{
     Attribute, Attributes, CaptureFrame, Decoder, ElementKind, Elements, Encoder, Hash, Image,
@@ -214,7 +214,9 @@ impl Value for Mesh {
         let polygon =
             polygon.into_iter().flat_map(|faces| Self::new(vec![Point3::origin(); 5], faces));
         let nothing = Self::new(Vec::new(), Faces::triangles(Vec::new()));
-        meshes.flatten().chain(polygon).chain(nothing).collect()
+        let solids = odd_solids().into_iter();
+        let solids = solids.flat_map(|(points, faces)| Self::new(points, Faces::triangles(faces)));
+        meshes.flatten().chain(polygon).chain(nothing).chain(solids).collect()
     }
 }
 

@@ -167,6 +167,6 @@ fn spikes_get_the_position_of_their_base_cell_and_parts_are_refused() {
         control_net(region, range, HARMONIC, 0, 0, &Progress::silent()).unwrap_err().to_string()
     }
     assert_eq!(error(&region(&range, |x, _| !(4..=9).contains(&x)), &range), PARTS);
-    let line = "the region has 1 rows and 9 columns of cells, too few for a surface";
+    let line = "the region has 1 rows and 9 columns of cells, but a surface needs 2 of both; choose a larger region";
     assert_eq!(error(&region(&range, |x, y| y == 4 && x < 9), &range), line);
 }
