@@ -44,7 +44,8 @@ pub(crate) use parts::{Parts, winding_number};
 /// by about 1e-9 of the size. The cost is O(n log n), plus, for each cut face, a term quadratic in the number of its pieces.
 ///
 /// If a solid consists of several parts that overlap or lie in each other, they are united first. If the perturbed surfaces do not bound a
-/// solid, as with coinciding faces of opposite orientation, the exact arrangement of all triangles decides instead.
+/// solid, as with coinciding faces of opposite orientation, the exact arrangement of all triangles decides instead. Faces without area are
+/// removed at last.
 ///
 /// # Errors
 /// Returns an error if a mesh is not a solid, the result is too large, or the evaluation is cancelled.
@@ -103,7 +104,7 @@ pub fn boolean(
             None => error,
         })?;
     }
-    let made = without_flat_faces(made)?;
+    let made = without_flat_faces(made, progress)?;
     // A solid without a capture frame keeps its coordinates when it is combined with captured ones.
     let frames = others.iter().filter_map(|other| other.frame());
     let same_axes = frames.into_iter().all(|frame| Some(frame) == mesh.frame());
@@ -130,11 +131,22 @@ fn with_united_parts<'a>(mesh: &'a Mesh, progress: &Progress<'_>) -> Result<Cow<
 /// # Errors
 /// Returns an error if the mesh is not closed, rounding makes the result cross itself, or the evaluation is cancelled.
 pub(crate) fn unite(mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, Error> {
-    Ok(without_flat_faces(arrange(mesh, &[0], |windings| 0 < windings[0], progress)?)?)
+    arrange(mesh, &[0], |windings| 0 < windings[0], progress)
 }
 
-fn without_flat_faces(mesh: Mesh) -> Result<Mesh, MeshError> {
-    Ok(remove_flat_faces(&mesh, |_| true)?.unwrap_or(mesh))
+/// Removes faces without area. Where solids touch in a vertex or an edge, such faces connect them: the exact arrangement, which separates
+/// what touches, is then taken.
+fn without_flat_faces(mesh: Mesh, progress: &Progress<'_>) -> Result<Mesh, Error> {
+    let mesh = remove_flat_faces(&mesh, |_| true)?.unwrap_or(mesh);
+    let count = mesh.flat_faces().len();
+    if count == 0 {
+        return Ok(mesh);
+    }
+    let separated = progress.part(0.99..1.0, |progress| unite(&mesh, progress));
+    progress.check()?;
+    let Ok(separated) = separated else { return Ok(mesh) };
+    let separated = remove_flat_faces(&separated, |_| true)?.unwrap_or(separated);
+    Ok(if separated.flat_faces().len() < count { separated } else { mesh })
 }
 
 /// Transfers to the mesh `to` the attributes that `from` has and `to` lacks.

@@ -158,7 +158,7 @@ fn straight_rims_are_filled_without_faces_that_have_no_area() {
                 let filled = fill(&open, HoleChoice::Edges { max: 45 }, method.clone()).unwrap();
                 let flat = filled.mesh.flat_faces();
                 assert!(flat.is_empty(), "{method:?} {reach} {stretch}: {flat:?}");
-                assert_eq!(check_kept(&open, &filled.mesh), 2 * (13 + 12));
+                assert_eq!(check_kept(&open, &filled.mesh), 2 * (13 + 12), "{method:?} {reach} {stretch} {:?}", filled.warnings);
             }
         }
     }
