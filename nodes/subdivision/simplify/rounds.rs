@@ -28,6 +28,8 @@ pub(super) struct Rounds {
     classes: Vec<u16>,
     /// For each vertex the lowest rank of a collapse that takes part in the round and ends there.
     lowest: Vec<AtomicU32>,
+    /// The collapses that take part in the round. Kept for its memory.
+    ranked: Vec<Ranked>,
 }
 
 /// A collapse that takes part in a round. It is ordered by cost, then by length. A hash breaks ties: by index, neighbors in flat parts would
@@ -43,7 +45,7 @@ struct Ranked {
 impl Rounds {
     pub(super) fn new(collapses: Vec<Collapse>, net: &Net) -> Self {
         let lowest = (0..net.vertices()).map(|_| AtomicU32::new(NONE)).collect();
-        Self { collapses, classes: Vec::new(), lowest }
+        Self { collapses, classes: Vec::new(), lowest, ranked: Vec::new() }
     }
 
     /// Performs collapses until only a few are left to be done to reach `target` triangles, or none is possible. Returns the collapses that
@@ -79,8 +81,8 @@ impl Rounds {
         // Only as many take part as half of the vertices that have to go. With more, some would be collapsed long before their turn.
         let last = self.class_of_rank((net.n_faces - target) / 4);
         let all = self.classes.par_iter_mut().zip(&self.collapses).enumerate();
-        let mut ranked: Vec<Ranked> = all
-            .with_min_len(4096)
+        self.ranked.clear();
+        all.with_min_len(4096)
             .filter_map(|(index, (class, collapse))| {
                 if last < *class {
                     return None;
@@ -91,9 +93,9 @@ impl Rounds {
                 }
                 Some(Ranked::new(collapse, index as u32))
             })
-            .collect();
-        ranked.par_sort_unstable();
-        let chosen = self.lowest_around(&ranked, net);
+            .collect_into(&mut self.ranked);
+        self.ranked.par_sort_unstable();
+        let chosen = self.lowest_around(net);
         let allowed: Vec<bool> = chosen
             .par_iter()
             .with_min_len(64)
@@ -115,7 +117,7 @@ impl Rounds {
             neighbors.filter_map(move |neighbor| net.collapse([vertex, neighbor]))
         });
         changed.collect_into(&mut self.collapses);
-        !ranked.is_empty()
+        !self.ranked.is_empty()
     }
 
     /// Returns the class of the collapse that has the given rank by cost, outdated collapses included.
@@ -140,15 +142,16 @@ impl Rounds {
 
     /// Returns the indices of those collapses that have a lower rank than all others at their ends and at the neighbors of their ends. So no
     /// two of them have a face in common.
-    fn lowest_around(&self, ranked: &[Ranked], net: &Net) -> Vec<u32> {
+    fn lowest_around(&self, net: &Net) -> Vec<u32> {
         let ends = |ranked: &Ranked| self.collapses[ranked.index as usize].ends;
-        let all = ranked.par_iter().enumerate().with_min_len(1024);
+        let all = self.ranked.par_iter().enumerate().with_min_len(1024);
         all.for_each(|(rank, collapse)| {
             for end in ends(collapse) {
                 self.lowest[end as usize].fetch_min(rank as u32, Ordering::Relaxed);
             }
         });
-        let chosen = ranked
+        let chosen = self
+            .ranked
             .par_iter()
             .enumerate()
             .with_min_len(1024)
@@ -162,7 +165,7 @@ impl Rounds {
             })
             .map(|(_, collapse)| collapse.index)
             .collect();
-        ranked.par_iter().with_min_len(1024).for_each(|collapse| {
+        self.ranked.par_iter().with_min_len(1024).for_each(|collapse| {
             for end in ends(collapse) {
                 self.lowest[end as usize].store(NONE, Ordering::Relaxed);
             }
