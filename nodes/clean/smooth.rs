@@ -7,7 +7,8 @@ use filter::Filter;
 use maquette_base::topology::flat_faces::FlatFaces;
 use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{Carry, Context, Error, Estimate, In, Node, Progress, Promise, Transfer, bail};
-use maquette_value::{Edges, Mesh};
+use maquette_value::parallel::*;
+use maquette_value::{Edges, Faces, Mesh};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -139,35 +140,32 @@ pub fn smooth(
     let mut on_curves = vec![0u32; mesh.positions().len()];
     curves.as_flattened().iter().for_each(|&vertex| on_curves[vertex as usize] += 1);
 
-    let triangles = fans(mesh);
+    let net = triangulated(mesh)?;
+    let triangles = net.faces().as_triangles().unwrap_or_default();
     // A vertex of a curve may only depend on vertices of curves, and only if it is free to move along its curve.
     let flat =
-        FlatFaces::new(points, &triangles, |vertex, others| match on_curves[vertex as usize] {
+        FlatFaces::new(points, triangles, |vertex, others| match on_curves[vertex as usize] {
             0 => true,
             2 => others.iter().all(|&other| on_curves[other as usize] > 0),
             _ => false,
         });
     let mut places = points.to_vec();
     if !keep_borders {
-        let mut along = Filter::new(places.len());
+        let mut spans = Vec::with_capacity(curves.len());
+        let mut masses = vec![0.0; places.len()];
         for &ends in &curves {
             let span = edge_length(ends, points);
             if span > 0.0 {
-                flat.for_each_edge(ends, 1.0 / span, |ends, weight| along.add_edge(ends, weight));
-                ends.iter().for_each(|&end| along.add_mass(end, span / 2.0));
+                spans.push((ends, 1.0 / span));
+                ends.iter().for_each(|&end| masses[end as usize] += span / 2.0);
             }
         }
-        along.gather_masses(&flat);
+        let along = filter(spans, masses, &flat);
         let is_free: Vec<_> = on_curves.iter().map(|&count| count == 2).collect();
         progress.part(0.0..0.2, |progress| along.apply(&mut places, &is_free, length, progress))?;
     }
-    let mut surface = Filter::new(places.len());
-    for (index, &triangle) in triangles.iter().enumerate() {
-        if !flat.is_flat(index) {
-            add_triangle(&mut surface, &flat, triangle, points);
-        }
-    }
-    surface.gather_masses(&flat);
+    let (weights, masses) = stiffness(&net, &flat);
+    let surface = filter(weights, masses, &flat);
     let is_free: Vec<_> = on_curves.iter().map(|&count| count == 0).collect();
     progress.part(0.2..1.0, |progress| surface.apply(&mut places, &is_free, length, progress))?;
     for (vertex, supports) in flat.dependent() {
@@ -204,35 +202,69 @@ fn keep_apart(places: &mut [Point3<f64>], mesh: &Mesh, edges: &Edges) {
     }
 }
 
-/// Returns the triangles of all faces, those of a polygon as a fan around its first corner.
-fn fans(mesh: &Mesh) -> Cow<'_, [[u32; 3]]> {
-    if let Some(triangles) = mesh.faces().as_triangles() {
-        return Cow::Borrowed(triangles);
+/// Returns the mesh with a fan of triangles, around the first corner, in place of each polygon.
+fn triangulated(mesh: &Mesh) -> Result<Cow<'_, Mesh>, Error> {
+    if mesh.faces().as_triangles().is_some() {
+        return Ok(Cow::Borrowed(mesh));
     }
     let fans = mesh.faces().iter();
     let fans = fans.flat_map(|face| (1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
-    Cow::Owned(fans.collect())
+    Ok(Cow::Owned(Mesh::new(mesh.positions().clone(), Faces::triangles(fans.collect()))?))
+}
+
+/// Returns a filter on edges with weights. Instead of dependent vertices, it has those on which they depend.
+fn filter(mut edges: Vec<([u32; 2], f64)>, mut masses: Vec<f64>, flat: &FlatFaces) -> Filter {
+    if !flat.is_empty() {
+        let mut independent = Vec::with_capacity(edges.len());
+        for (ends, weight) in edges {
+            flat.for_each_edge(ends, weight, |ends, weight| independent.push((ends, weight)));
+        }
+        edges = independent;
+        flat.gather(&mut masses);
+    }
+    Filter::new(masses, &edges)
 }
 
 /// Limit to which the cotangents of triangle angles are clamped; larger cotangents occur only in needles (very thin triangles), where they
 /// are meaningless.
 const MAX_COTANGENT: f64 = 1e3;
 
-fn add_triangle(filter: &mut Filter, flat: &FlatFaces, corners: [u32; 3], points: &[Point3<f64>]) {
-    let places = corners.map(|vertex| points[vertex as usize]);
-    let double_area = (places[1] - places[0]).cross(&(places[2] - places[0])).norm();
-    for k in 0..3 {
-        let [b, c] = [(k + 1) % 3, (k + 2) % 3];
-        let (to_b, to_c) = (places[b] - places[k], places[c] - places[k]);
-        let cotangent = to_b.dot(&to_c) / double_area;
-        if !cotangent.is_nan() {
-            let cotangent = cotangent.clamp(-MAX_COTANGENT, MAX_COTANGENT);
-            flat.for_each_edge([corners[b], corners[c]], cotangent / 2.0, |ends, weight| {
-                filter.add_edge(ends, weight);
-            });
+/// Returns the edges of a mesh of triangles with half the sum of the cotangents of the angles opposite of them, and for each vertex a third
+/// of the area of the triangles around it.
+fn stiffness(mesh: &Mesh, flat: &FlatFaces) -> (Vec<([u32; 2], f64)>, Vec<f64>) {
+    let (points, edges) = (mesh.positions(), mesh.edges());
+    let triangles = mesh.faces().as_triangles().unwrap_or_default();
+    let shapes: Vec<([f64; 3], f64)> = triangles
+        .par_iter()
+        .enumerate()
+        .with_min_len(1024)
+        .map(|(index, triangle)| {
+            if flat.is_flat(index) {
+                return ([0.0; 3], 0.0);
+            }
+            cotangents(triangle.map(|vertex| points[vertex as usize]))
+        })
+        .collect();
+    let mut masses = vec![0.0; points.len()];
+    let mut weights: Vec<_> = edges.vertices.iter().map(|&ends| (ends, 0.0)).collect();
+    for (index, (cotangents, double_area)) in shapes.into_iter().enumerate() {
+        for k in 0..3 {
+            weights[edges.of_corner[3 * index + k] as usize].1 += cotangents[(k + 2) % 3] / 2.0;
+            masses[triangles[index][k] as usize] += double_area / 6.0;
         }
-        filter.add_mass(corners[k], double_area / 6.0);
     }
+    (weights, masses)
+}
+
+/// Returns the cotangents of the angles of a triangle, and twice its area.
+fn cotangents(corners: [Point3<f64>; 3]) -> ([f64; 3], f64) {
+    let sides = [0, 1, 2].map(|k| corners[(k + 1) % 3] - corners[k]);
+    let double_area = sides[0].cross(&sides[1]).norm();
+    let cotangents = [0, 1, 2].map(|k| {
+        let cotangent = -sides[k].dot(&sides[(k + 2) % 3]) / double_area;
+        if cotangent.is_nan() { 0.0 } else { cotangent.clamp(-MAX_COTANGENT, MAX_COTANGENT) }
+    });
+    (cotangents, double_area)
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
 use maquette_syntax::error::{CancelledError, Error};
+use maquette_value::parallel::stoppable;
 use maquette_value::{AnyValue, Hash, Memo, Value, hash_of_memo, value_type};
 
 use crate::file::{File, FilePath, ReadError};
@@ -75,6 +76,15 @@ impl CancelToken {
     /// Returns true after [`cancel`](Self::cancel) was called.
     pub fn is_cancelled(&self) -> bool {
         self.0.load(std::sync::atomic::Ordering::Relaxed)
+    }
+
+    /// Calls `work`. Its parallel loops stop soon after the token was cancelled, without being asked to look.
+    ///
+    /// # Errors
+    /// The evaluation was cancelled.
+    #[doc(hidden)]
+    pub fn stops<T>(&self, work: impl FnOnce() -> T) -> Result<T, CancelledError> {
+        stoppable(&self.0, work).ok_or(CancelledError)
     }
 }
 

@@ -1,5 +1,6 @@
 //! A tree of boxes, for overlap queries.
 
+use crate::parallel::join;
 use nalgebra::Point3;
 
 /// An axis-aligned box, including its border.
@@ -97,7 +98,7 @@ fn grow(nodes: &mut Vec<Node>, boxes: &mut [(Bounds, u32)], first: usize) {
             grow(nodes, high, middle_index);
         } else {
             let (mut lower, mut higher) = (Vec::new(), Vec::new());
-            rayon::join(|| grow(&mut lower, low, first), || grow(&mut higher, high, middle_index));
+            join(|| grow(&mut lower, low, first), || grow(&mut higher, high, middle_index));
             nodes.append(&mut lower);
             nodes.append(&mut higher);
         }

@@ -14,6 +14,7 @@ mod coincident;
 mod crossings;
 mod derived;
 mod diff;
+mod edges;
 mod elements;
 mod faces;
 mod flat;
@@ -27,7 +28,8 @@ mod walls;
 pub use coincident::DistinctPositions;
 use derived::DerivedData;
 pub use diff::MovedRows;
-pub use faces::{Edges, Faces};
+pub use edges::Edges;
+pub use faces::Faces;
 pub use nearest::{NearestPoint, RayHit, TriangleTree, closest_on_triangle};
 pub use walls::Backing;
 

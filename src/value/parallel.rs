@@ -23,6 +23,7 @@ use rayon::iter::ParallelIterator as _;
 mod adaptors;
 mod collect;
 mod sources;
+mod stop;
 
 pub use adaptors::{Adapted, Zip};
 pub use collect::FromParallel;
@@ -30,6 +31,7 @@ pub use sources::{
     Chunks, ChunksMut, IntoParallel, Items, ItemsMut, Numbers, ParallelSlice, ParallelSliceMut,
     VecItems,
 };
+pub use stop::stoppable;
 
 /// The maximum number of parts of a loop: enough parts that no thread waits long for the last one, and few enough that they are distributed
 /// in microseconds.
@@ -279,7 +281,19 @@ fn each_part<P: Parallel>(items: P, f: &(dyn Fn(usize, P) + Sync)) {
 
 /// Calls `f` with each index below `count` on rayon's threads.
 fn on_threads(count: usize, f: &(dyn Fn(usize) + Sync)) {
-    rayon::iter::IntoParallelIterator::into_par_iter(0..count).for_each(f);
+    let flag = stop::flag();
+    rayon::iter::IntoParallelIterator::into_par_iter(0..count)
+        .for_each(|index| stop::with_flag(flag.clone(), || f(index)));
+}
+
+/// Calls two functions, on two threads if one is free, and returns both results.
+pub fn join<A: Send, B: Send>(
+    a: impl FnOnce() -> A + Send,
+    b: impl FnOnce() -> B + Send,
+) -> (A, B) {
+    let flag = stop::flag();
+    let of_b = flag.clone();
+    rayon::join(|| stop::with_flag(flag, a), || stop::with_flag(of_b, b))
 }
 
 #[cfg(test)]

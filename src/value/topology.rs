@@ -1,5 +1,6 @@
 //! Topological counts, area and volume of meshes.
 
+use crate::parallel::join;
 use nalgebra::Point3;
 
 use super::Mesh;
@@ -27,7 +28,7 @@ pub struct Topology {
 impl Topology {
     /// Computes the counts of a mesh.
     pub fn from_mesh(mesh: &Mesh) -> Self {
-        let (edges, components) = rayon::join(|| mesh.edges(), || components(mesh));
+        let (edges, components) = join(|| mesh.edges(), || components(mesh));
         Self {
             vertices: mesh.positions().len(),
             edges: edges.vertices.len(),

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use expect_test::expect;
+use maquette::parallel::*;
 use maquette::value::{Memo, Parts};
 use maquette::{
     CancelToken, Catalog, Context, Encoder, Error, Evaluation, Evaluator, Graph, In, Node,
@@ -142,13 +143,23 @@ impl Node for Panic {
 
 /// Runs for a long time, unless it is cancelled.
 #[derive(Serialize, Deserialize, JsonSchema)]
-struct Work {}
+struct Work {
+    /// True if it works in a parallel loop that does not look for cancellation.
+    #[serde(default)]
+    in_parallel: bool,
+}
 
 impl Node for Work {
     type Outputs = (Number,);
     const OUTPUTS: [&'static str; 1] = ["number"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        if self.in_parallel {
+            cx.tick(0.1)?;
+            let steps = (0..6000_usize).into_par_iter();
+            steps.for_each(|_| std::thread::sleep(Duration::from_millis(10)));
+            return Ok((Number(1.0),));
+        }
         for step in 0..3000 {
             cx.tick(f64::from(step) / 3000.0)?;
             std::thread::sleep(Duration::from_millis(10));
@@ -258,13 +269,15 @@ fn a_cancelled_evaluation_stops_within_a_tenth_of_a_second() {
             }
         }
     }
-    let graph = load(r#""long": Work()"#);
-    let observer = Canceller(CancelToken::default());
-    let start = Instant::now();
     let mut evaluator = Evaluator::new(2, 1 << 20).unwrap();
-    let evaluation = evaluator.evaluate_all_nodes(&graph, &observer, &observer.0);
-    assert_eq!(evaluation.trace().to_string(), "failed   long  cancelled\n");
-    assert!(start.elapsed() < Duration::from_secs(5), "the work takes 30 s");
+    for node in ["Work()", "Work(in_parallel: true)"] {
+        let graph = load(&format!("\"long\": {node}"));
+        let observer = Canceller(CancelToken::default());
+        let start = Instant::now();
+        let evaluation = evaluator.evaluate_all_nodes(&graph, &observer, &observer.0);
+        assert_eq!(evaluation.trace().to_string(), "failed   long  cancelled\n");
+        assert!(start.elapsed() < Duration::from_secs(5), "the work takes 30 s");
+    }
     // The cancelled evaluation must leave nothing in the cache.
     let again = evaluator.evaluate_all_nodes(
         &load(r#""n": Give(number: 1)"#),

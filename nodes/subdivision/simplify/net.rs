@@ -5,6 +5,7 @@ use std::iter;
 
 use maquette_base::linear::attribute_transfer::AttributeTransfer;
 use maquette_base::linear::weighted_mean::WeightedMean;
+use maquette_value::parallel::*;
 use maquette_value::{Faces, Mesh, MeshError, closest_on_triangle};
 use nalgebra::{Point3, Vector3, center};
 
@@ -27,9 +28,9 @@ const MIN_AREA: f64 = 1e-20;
 /// An edge that may be collapsed, with the cost of the collapse and the position of the merged vertex.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Collapse {
-    cost: f64,
+    pub(super) cost: f64,
     /// The squared length of the edge that is collapsed.
-    length_sq: f64,
+    pub(super) length_sq: f64,
     /// The vertex that is kept and the vertex that is removed, in this order.
     pub(super) ends: [u32; 2],
     /// The versions that both vertices had when the cost was computed. Another version means that the cost is outdated.
@@ -129,14 +130,15 @@ impl Net {
 
     /// Adds to the cost functions the planes of all faces, and the planes that preserve borders, creases and seams.
     fn add_planes(&mut self, mesh: &Mesh) {
-        for triangle in self.triangles.clone() {
-            let area = self.area(triangle);
-            if let Some(normal) = area.try_normalize(0.0) {
-                let first = self.positions[triangle[0] as usize] - self.origin;
-                let plane = Quadric::plane(normal, first, area.norm() / 2.0);
-                triangle.iter().for_each(|&vertex| self.quadrics[vertex as usize] += plane);
-            }
-        }
+        let net = &*self;
+        let planes: Vec<Quadric> =
+            self.triangles.par_iter().with_min_len(1024).map(|&face| net.plane(face)).collect();
+        let vertices = self.around.par_iter().with_min_len(1024);
+        self.quadrics = vertices
+            .map(|faces| {
+                faces.iter().fold(Quadric::default(), |sum, &face| sum + planes[face as usize])
+            })
+            .collect();
         let edges = mesh.edges();
         let borders = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
         let borders = borders.map(|(&ends, _)| (ends, 0.0, BORDER_WEIGHT));
@@ -152,6 +154,14 @@ impl Net {
             self.sharp[b as usize].push((a, sharpness));
             self.add_border_planes(ends, weight);
         }
+    }
+
+    /// Returns the squared distance from the plane of a triangle, times its area.
+    fn plane(&self, triangle: [u32; 3]) -> Quadric {
+        let area = self.area(triangle);
+        let Some(normal) = area.try_normalize(0.0) else { return Quadric::default() };
+        let first = self.positions[triangle[0] as usize] - self.origin;
+        Quadric::plane(normal, first, area.norm() / 2.0)
     }
 
     /// Returns the edges at which the two adjacent faces have different wedges.
@@ -221,18 +231,25 @@ impl Net {
         (b - a).cross(&(c - a))
     }
 
-    pub(super) fn edges(&self) -> Vec<[u32; 2]> {
-        let edges = self.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
-        let mut edges: Vec<_> = edges.map(|[a, b]| [a.min(b), a.max(b)]).collect();
-        edges.sort_unstable();
-        edges.dedup();
-        edges
+    /// Computes the cost of the collapse of each edge.
+    pub(super) fn collapses(&self) -> Vec<Collapse> {
+        let edges = Faces::triangles(self.triangles.clone()).edges().vertices;
+        edges.par_iter().with_min_len(256).filter_map(|&edge| self.collapse(edge)).collect()
+    }
+
+    /// The number of vertices of the input mesh.
+    pub(super) fn vertices(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// The corners of all faces around a vertex.
+    pub(super) fn corners_around(&self, vertex: u32) -> impl Iterator<Item = u32> {
+        self.around[vertex as usize].iter().flat_map(|&face| self.triangles[face as usize])
     }
 
     /// The neighbors of a vertex, ascending.
     pub(super) fn neighbors(&self, vertex: u32) -> Vec<u32> {
-        let faces = self.around[vertex as usize].iter();
-        let corners = faces.flat_map(|&face| self.triangles[face as usize]);
+        let corners = self.corners_around(vertex);
         let mut neighbors: Vec<_> = corners.filter(|&corner| corner != vertex).collect();
         neighbors.sort_unstable();
         neighbors.dedup();
@@ -263,20 +280,20 @@ impl Net {
                     _ => true,
                 }
         });
-        let positions = match is_fixed {
+        let (positions, count) = match is_fixed {
             [true, true] => return None,
-            [true, false] => vec![first],
-            [false, true] => vec![second],
+            [true, false] => ([first; 3], 1),
+            [false, true] => ([second; 3], 1),
             [false, false] => match quadric.minimum() {
                 // If costs are equal the first candidate wins. The ends of the edge come before the minimum, because they are exactly on
                 // the surface.
-                Some(lowest) => vec![first, second, self.origin + lowest],
-                None => vec![center(&first, &second), first, second],
+                Some(lowest) => ([first, second, self.origin + lowest], 3),
+                None => ([center(&first, &second), first, second], 3),
             },
         };
-        let costs = positions
-            .into_iter()
-            .map(|position| (quadric.evaluate(position - self.origin), position));
+        let costs = positions[..count]
+            .iter()
+            .map(|&position| (quadric.evaluate(position - self.origin), position));
         let (cost, position) = costs.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let versions = ends.map(|end| self.versions[end as usize]);
         let length_sq = (second - first).norm_squared();

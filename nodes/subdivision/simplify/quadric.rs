@@ -14,8 +14,8 @@ pub(crate) struct Quadric {
     c: f64,
 }
 
-/// The maximum condition number of a quadric whose minimum is meaningful. If the condition number is greater, all planes nearly contain a
-/// common line.
+/// The maximum ratio of the trace of a quadric's matrix to its pivots, if the minimum is meaningful. If the ratio is greater, all planes
+/// nearly contain a common line.
 const MAX_CONDITION: f64 = 1e8;
 
 /// A computed value of a quadric below this fraction of the sum of its terms is only a rounding error: a few units in the last place.
@@ -51,9 +51,21 @@ impl Quadric {
 
     /// Returns the position of the minimum; `None` if the planes do not determine one.
     pub(crate) fn minimum(&self) -> Option<Vector3<f64>> {
-        let sizes = self.a.symmetric_eigenvalues();
-        let determined = sizes.max() < MAX_CONDITION * sizes.min();
-        let position = self.a.try_inverse().filter(|_| determined)? * self.b;
+        let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = self.a.data.0;
+        // Gaussian elimination of a symmetric matrix. Its pivots are about as small as the smallest eigenvalue.
+        let smallest = (xx + yy + zz) / MAX_CONDITION;
+        let [of_y, of_z] = [xy / xx, xz / xx];
+        let second = yy - of_y * xy;
+        let mixed = yz - of_y * xz;
+        let third = zz - of_z * xz - mixed / second * mixed;
+        if !(smallest < xx && smallest < second && smallest < third) {
+            return None;
+        }
+        let y = self.b.y - of_y * self.b.x;
+        let z = (self.b.z - of_z * self.b.x - mixed / second * y) / third;
+        let y = (y - mixed * z) / second;
+        let x = (self.b.x - xy * y - xz * z) / xx;
+        let position = Vector3::new(x, y, z);
         position.iter().all(|x| x.is_finite()).then_some(position)
     }
 }

@@ -60,7 +60,9 @@ fn work_per_vertex_does_not_grow_with_the_resolution_of_a_flat_mesh() {
     for n in [20, 80] {
         for flat in [sheet(n, |_, _| 0.0), tilted_sheet(n)] {
             let target = flat.faces().len() / 20;
-            let mut collapsing = Simplifier::new(&flat, &Progress::silent()).unwrap();
+            let net = Net::new(&flat);
+            let heap = net.collapses().into();
+            let mut collapsing = Simplifier { net, heap };
             let (mut judged, mut most) = (0, 0);
             while target < collapsing.net.n_faces {
                 let next = collapsing.heap.pop().unwrap();
@@ -350,4 +352,69 @@ fn the_distance_from_the_origin_has_no_effect() {
     for (p, q) in near.positions().iter().zip(far.positions().iter()) {
         assert!((q - offset - p).norm() < 1e-6, "{p} {q}");
     }
+}
+
+/// Returns the root mean square of the distance in z between a mesh and a height, at the middles of its faces and at its vertices.
+fn height_error(mesh: &Mesh, height: impl Fn(f64, f64) -> f64) -> f64 {
+    let points = mesh.positions();
+    let middles = mesh.faces().iter().map(|face| {
+        face.iter().map(|&corner| points[corner as usize].coords).sum::<Vector3<f64>>() / 3.0
+    });
+    let all = points.iter().map(|point| point.coords).chain(middles);
+    let squares = Vec::from_iter(all.map(|p| (p.z - height(p.x, p.y)).powi(2)));
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+#[test]
+fn rounds_of_collapses_are_as_accurate_as_single_ones() {
+    let (mut single, mut together) = (0.0, 0.0);
+    for shape in 0..10_u32 {
+        let (across, along) = (f64::from(3 + shape), f64::from(12 - shape));
+        let height = |x: f64, y: f64| 0.05 * libm::sin(across * x) * libm::cos(along * y + x);
+        let mut state: u32 = shape;
+        let noise = 0.0004 * f64::from(shape % 3);
+        let rough = sheet(70, height);
+        let rough = rough.with_positions(
+            rough
+                .positions()
+                .iter()
+                .map(|p| {
+                    state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+                    p + Vector3::z() * noise * (f64::from(state >> 8) / f64::from(1 << 23) - 1.0)
+                })
+                .collect(),
+        );
+        let rough = rough.unwrap();
+        let [one, many] = [Order::OneByOne, Order::Rounds].map(|order| {
+            let simple = simplify_by(order, &rough, 900, &Progress::silent()).unwrap();
+            assert!((899..=900).contains(&simple.faces().len()));
+            assert!(
+                (area(&rough) - area(&simple)).abs() < 0.01 + 0.1 * area(&rough) * noise / 0.0004
+            );
+            height_error(&simple, height)
+        });
+        println!("{shape}: {}", many / one);
+        single += one;
+        together += many;
+    }
+    assert!(together < 1.01 * single, "{together} {single}");
+}
+
+#[test]
+fn rounds_keep_a_closed_textured_mesh_whole_for_any_number_of_threads() {
+    let ball = textured_ball();
+    fn run(threads: usize, ball: &Mesh) -> Mesh {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| simplify_by(Order::Rounds, ball, 2000, &Progress::silent()).unwrap())
+    }
+    let one = run(1, &ball);
+    assert!((1999..=2000).contains(&one.faces().len()));
+    assert!([2, 3, 8].iter().all(|&threads| run(threads, &ball) == one));
+    let [before, after] = [&ball, &one].map(|mesh| {
+        let edges = mesh.edges();
+        let borders = edges.faces.iter().filter(|count| **count == 1).count();
+        assert!(edges.faces.iter().all(|count| *count <= 2) && edges.misoriented == 0);
+        (mesh.positions().len() + mesh.faces().len() - edges.vertices.len(), borders.min(1))
+    });
+    assert_eq!(before, after);
 }

@@ -226,7 +226,7 @@ impl Run<'_> {
             readers: self.graph.readers(),
             warnings: Mutex::default(),
         };
-        let result = catch_panic(|| work(&cx))?;
+        let result = catch_panic(|| self.cancel.stops(|| work(&cx))?)?;
         let warnings = cx.warnings.into_inner().unwrap_or_else(|broken| broken.into_inner());
         Ok((result, warnings))
     }

@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use super::derived::FaceBins;
+use super::edges::Edges;
 use super::{BLOCK, MeshError, check_count};
 use crate::content::Content;
 use crate::memory::huge_vec;
@@ -192,47 +193,8 @@ impl Faces {
     }
 
     /// The edges of the faces, each edge once.
-    ///
-    /// Each edge is stored in the list of one of its two vertices, namely the vertex with fewer corners. So the searched lists are short
-    /// even around the center of a large fan: Chiba and Nishizeki, "Arboricity and subgraph listing algorithms" (1985), lemma 2.
     pub fn edges(&self) -> Edges {
-        let vertices = self.corners.iter().max().map_or(0, |&vertex| vertex as usize + 1);
-        let mut degrees = vec![0u32; vertices];
-        self.corners.iter().for_each(|&vertex| degrees[vertex as usize] += 1);
-        let mut newest = vec![NONE; vertices];
-        let mut listed: Vec<ListedEdge> = Vec::with_capacity(self.corners.len() / 2 + 1);
-        let mut edges = Edges {
-            vertices: Vec::with_capacity(self.corners.len() / 2 + 1),
-            faces: Vec::with_capacity(self.corners.len() / 2 + 1),
-            misoriented: 0,
-            of_corner: Vec::with_capacity(self.corners.len()),
-        };
-        for face in self.iter() {
-            let ends = face.iter().zip(face[1..].iter().chain(&face[..1]));
-            for (&from, &to) in ends {
-                let (low, high) = (from.min(to), from.max(to));
-                let lists_it = degrees[low as usize] <= degrees[high as usize];
-                let (at, other) = if lists_it { (low, high) } else { (high, low) };
-                let mut edge = newest[at as usize];
-                while edge != NONE && listed[edge as usize].other != other {
-                    edge = listed[edge as usize].older;
-                }
-                if edge == NONE {
-                    edge = listed.len() as u32;
-                    listed.push(ListedEdge { other, older: newest[at as usize], from });
-                    newest[at as usize] = edge;
-                    edges.vertices.push([low, high]);
-                    edges.faces.push(1);
-                } else {
-                    let listed = &mut listed[edge as usize];
-                    edges.faces[edge as usize] += 1;
-                    edges.misoriented += usize::from(listed.from == from);
-                    listed.from = from;
-                }
-                edges.of_corner.push(edge);
-            }
-        }
-        edges
+        Edges::new(self)
     }
 
     /// Writes the faces as one part of a value that contains them.
@@ -327,30 +289,4 @@ fn first_repeated_vertex(corners: &[u32]) -> Option<usize> {
     sorted.sort_unstable();
     let repeats = sorted.windows(2).filter(|pair| pair[0].0 == pair[1].0);
     repeats.map(|pair| pair[1].1).min()
-}
-
-/// The index that stands for no edge.
-const NONE: u32 = u32::MAX;
-
-/// An entry in the linked list of the edges at a vertex.
-struct ListedEdge {
-    /// The vertex at the other end of the edge.
-    other: u32,
-    /// The previous edge in the linked list of the same vertex.
-    older: u32,
-    /// The vertex at which the edge began in the last face that uses the edge.
-    from: u32,
-}
-
-/// The edges of a mesh as pairs of vertices a < b, in the order in which the faces first use them.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Edges {
-    /// The two vertices of each edge, the lower index first.
-    pub vertices: Vec<[u32; 2]>,
-    /// The number of faces at each edge: 1 at a boundary, and more than 2 where the mesh is not manifold.
-    pub faces: Vec<u32>,
-    /// The number of edges that two faces traverse in the same direction, which means that the orientations of these faces disagree.
-    pub misoriented: usize,
-    /// For each corner, the edge from that corner to the next corner of its face.
-    pub of_corner: Vec<u32>,
 }

@@ -1,6 +1,7 @@
 //! Compares parallel loops with the iterators of the standard library.
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use super::*;
 
@@ -163,4 +164,32 @@ fn a_panic_reaches_the_caller() {
             .collect::<Vec<_>>()
     });
     assert_eq!(caught.unwrap_err().downcast_ref(), Some(&"seven hundred"));
+}
+
+#[test]
+fn a_computation_stops_at_its_flag_on_all_threads() {
+    let [flag, other] = [(); 2].map(|()| Arc::new(AtomicBool::new(false)));
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        flag.store(false, Ordering::Relaxed);
+        let done = AtomicUsize::new(0);
+        let result = pool.install(|| {
+            stoppable(&flag, || {
+                (0..1000_usize).into_par_iter().for_each(|_| {
+                    // A nested loop belongs to the computation, too.
+                    (0..1000_usize).into_par_iter().for_each(|_| {
+                        flag.store(true, Ordering::Relaxed);
+                        done.fetch_add(1, Ordering::Relaxed);
+                    });
+                });
+            })
+        });
+        assert_eq!(result, None);
+        assert!(done.into_inner() <= threads * 8);
+        // Others go on, and what follows on the same threads.
+        let sum = pool.install(|| {
+            stoppable(&other, || (0..1000_usize).into_par_iter().map(|x| x).sum::<usize>())
+        });
+        assert_eq!(sum, Some(499_500));
+    }
 }
