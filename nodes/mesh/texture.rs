@@ -14,6 +14,7 @@ use continuation::{Unseen, continue_texture};
 mod capture_grid;
 mod continuation;
 mod hidden_faces;
+mod pitch;
 mod visibility;
 
 /// Puts a texture on a mesh.

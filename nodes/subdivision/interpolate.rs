@@ -130,7 +130,7 @@ impl Node for Interpolate {
 }
 
 /// Help for surfaces with fins.
-const FIN_HELP: &str = "make the vertices even (`Remesh`), smooth the mesh (`Smooth`), or approximate it (`FitSubdivision`)";
+const FIN_HELP: &str = "approximate the vertices (`FitSubdivision` with the mesh as `points`), or round the mesh first (`Subdivide`, `levels: 1`)";
 
 /// Finds places where the surface of the control mesh `control`, which interpolates the vertices of `mesh`, crosses itself.
 fn self_crossings(
@@ -148,18 +148,22 @@ fn self_crossings(
             spacings[vertex] = spacings[vertex].min(length);
         }
     }
-    let draw = || {
-        let subdivision = Subdivision {
-            scheme,
-            levels: 2,
-            limit: true,
-            boundary: options.boundary,
-            creases: Creases::OpenSubdiv,
-            corners: Corners::Linear,
-        };
-        Plan::new(control, subdivision).ok()?.apply(control).ok()
+    let subdivision = Subdivision {
+        scheme,
+        levels: 2,
+        limit: true,
+        boundary: options.boundary,
+        creases: Creases::OpenSubdiv,
+        corners: Corners::Linear,
     };
-    Ok(SelfCrossings::find(points, control.positions(), &spacings, draw, progress)?)
+    let found = SelfCrossings::find(
+        points,
+        control.positions(),
+        &spacings,
+        || Plan::new(control, subdivision).ok()?.apply(control).ok(),
+        progress,
+    );
+    Ok(found?)
 }
 
 fn fixed_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, Error> {

@@ -58,7 +58,7 @@ impl Node for InterpolateSurface {
         if let Some(found) = self_crossings(net, &found.shape, cx.progress())? {
             let [row, column] = [found.nearest / net.columns(), found.nearest % net.columns()];
             let name = format!("row {row}, column {column} of the net, counted from 0");
-            cx.warn(found.warning(&name, FIN_HELP));
+            cx.warn(found.warning(&name, &fin_help(net, self.order)));
         }
         Ok(found.outputs(cx, "surface"))
     }
@@ -122,9 +122,14 @@ pub fn interpolate_surface(
     Ok(if other.settled { InterpolationResult { trace: found.trace, ..other } } else { found })
 }
 
-/// Help for surfaces with fins.
-const FIN_HELP: &str =
-    "make the distances of the points even, smooth them, or approximate them (`FitSurface`)";
+/// Returns the help for a surface with fins: a fit with half as many control points.
+fn fin_help(net: &ControlNet, order: [usize; 2]) -> String {
+    let [rows, columns] = [(net.rows(), order[0]), (net.columns(), order[1])]
+        .map(|(count, order)| order.max(count / 2));
+    format!(
+        "approximate the points, as by `FitSurface` with `method: LeastSquares(rows: {rows}, columns: {columns})`"
+    )
+}
 
 /// The number of faces along u and v for each distance of two points, in which crossings are searched.
 const FACES_PER_POINT: usize = 4;
@@ -149,11 +154,10 @@ fn self_crossings(
             }
         }
     }
-    let draw = || {
-        let [u, v] = [net.rows(), columns].map(|count| FACES_PER_POINT * (count - 1));
-        surface.tessellate_open(u, v).ok()
-    };
-    Ok(SelfCrossings::find(points, surface.net().points(), &spacings, draw, progress)?)
+    let [u, v] = [net.rows(), columns].map(|count| FACES_PER_POINT * (count - 1));
+    let control = surface.net().points();
+    let draw = || surface.tessellate_open(u, v).ok();
+    Ok(SelfCrossings::find(points, control, &spacings, draw, progress)?)
 }
 
 /// The distance of control points from the bounding box of the points, relative to its diagonal, beyond which the linear problem is solved.
@@ -473,8 +477,10 @@ mod tests {
             points[row * 9 + 3] += nalgebra::Vector3::new(0.95, 0.0, 2.0);
             points[row * 9 + 5] += nalgebra::Vector3::new(-0.95, 0.0, 2.0);
         }
-        let found = crossings(&ControlNet::new(8, 9, points).unwrap()).expect("the fins cross");
+        let net = ControlNet::new(8, 9, points).unwrap();
+        let found = crossings(&net).expect("the fins cross");
         assert!((3..6).contains(&(found.nearest % 9)), "{found:?}");
+        assert!(fin_help(&net, [4, 4]).ends_with("`method: LeastSquares(rows: 4, columns: 4)`"));
         assert_eq!(crossings(&alternating_net([8, 9], 5.0)), None);
         assert_eq!(crossings(&waves(8, 9)), None);
     }

@@ -48,7 +48,7 @@ impl<'a> CaptureGrid<'a> {
     pub(super) fn is_connected(&self, from: [f64; 2], to: [f64; 2]) -> bool {
         let [a, b] = [from, to].map(|uv| self.position(uv));
         let length = (b[0] - a[0]).abs().max((b[1] - a[1]).abs());
-        if !(length <= self.count() as f64) {
+        if length.is_nan() || length > self.count() as f64 {
             return false;
         }
         let (steps, map) = (length.ceil() as usize, self.range.registration());
@@ -78,7 +78,6 @@ impl<'a> CaptureGrid<'a> {
             let [a, b, c] = [uv[0], uv[k], uv[k + 1]].map(|uv| self.position(uv));
             let [low, high] = [f64::min as fn(f64, f64) -> f64, f64::max]
                 .map(|pick| [0, 1].map(|k| pick(pick(a[k], b[k]), c[k])));
-            // Outside of the grid there are no cells to visit; the corners have told.
             let columns = low[0].ceil().max(0.0) as usize..=high[0].floor().max(-1.0) as usize;
             let rows = low[1].ceil().max(0.0) as usize..=high[1].floor().max(-1.0) as usize;
             if high[0] < 0.0 || high[1] < 0.0 {

@@ -9,6 +9,7 @@ use nalgebra::Point3;
 
 use super::capture_grid::CaptureGrid;
 use super::hidden_faces::paint_hidden_faces;
+use super::pitch::Pitch;
 use super::visibility::seen_at;
 
 /// A textured mesh, and what the capture does not see of it.
@@ -67,16 +68,17 @@ pub(super) fn continue_texture(
         known.into_iter().map(|it| it.map(|[u, v, _]| [u, v])).collect();
     if is_registered {
         let is_seen: Vec<bool> = seen.iter().map(Option::is_some).collect();
-        let hidden = HiddenParts::new(&mesh, &grid, &uv, &is_seen);
+        let hidden = HiddenParts::new(&mesh, &grid, &Pitch::new(&range), &uv, &is_seen);
         if let Some(first) = hidden.faces.iter().position(|is_hidden| *is_hidden) {
             let count = hidden.faces.iter().filter(|is_hidden| **is_hidden).count();
             let corners = mesh.faces().face(first);
             let sum = corners.iter().map(|&vertex| mesh.positions()[vertex as usize].coords);
             let center = Point3::from(sum.sum::<nalgebra::Vector3<f64>>() / corners.len() as f64);
-            let shown: Vec<_> = uv
-                .into_iter()
-                .zip(&hidden.vertices)
-                .map(|(uv, is_hidden)| uv.filter(|_| !is_hidden))
+            let shown = uv.into_iter().zip(projected.iter()).zip(&hidden.vertices);
+            let shown: Vec<Option<[f64; 2]>> = shown
+                .map(|((uv, projected), is_hidden)| {
+                    (!is_hidden).then_some(uv.unwrap_or(*projected))
+                })
                 .collect();
             let mesh = paint_hidden_faces(&mesh, image, &shown, &hidden.faces, progress)?;
             return Ok(Continuation { mesh, unseen: Unseen::Faces(count, center) });
@@ -91,6 +93,10 @@ pub(super) fn continue_texture(
 /// Number of cells around the seen vertices at the rim of an unseen part that both may show.
 const MARGIN: u32 = 2;
 
+/// Minimum area in square cells of a part with colors of its own. Smaller parts, at depth steps, are as narrow as the pixels that mix the
+/// colors on both sides; they keep the mesh's texture coordinates at its vertices, and the picture as it is.
+const MIN_AREA: f64 = 16.0;
+
 /// The parts of a mesh in whose place in the picture something else is shown.
 struct HiddenParts {
     vertices: Vec<bool>,
@@ -100,10 +106,16 @@ struct HiddenParts {
 impl HiddenParts {
     /// Finds the parts. An unseen part has grown out of the capture, and is not hidden, if its cells are connected to those of the seen
     /// vertices around it, without a depth step, and no seen part of the mesh shows them.
-    fn new(mesh: &Mesh, grid: &CaptureGrid<'_>, uv: &[Option<[f64; 2]>], is_seen: &[bool]) -> Self {
+    fn new(
+        mesh: &Mesh,
+        grid: &CaptureGrid<'_>,
+        pitch: &Pitch,
+        uv: &[Option<[f64; 2]>],
+        is_seen: &[bool],
+    ) -> Self {
         let places: Vec<[f64; 2]> = uv.iter().map(|uv| uv.unwrap_or([f64::NAN; 2])).collect();
-        let is_unseen = |vertex: &u32| !is_seen[*vertex as usize];
-        let shown = grid.shown_cells(mesh, &places, |face| !face.iter().any(is_unseen));
+        let shown = grid
+            .shown_cells(mesh, &places, |face| face.iter().all(|&vertex| is_seen[vertex as usize]));
         let mut hidden =
             Self { vertices: vec![false; uv.len()], faces: vec![false; mesh.faces().len()] };
         // The number of the last part that reached each cell, counted from 1.
@@ -116,7 +128,8 @@ impl HiddenParts {
                 let place: Vec<[f64; 2]> =
                     corners.iter().map(|&vertex| places[vertex as usize]).collect();
                 grid.visit_cells(&place, |cell| needed.extend(cell));
-                let rim = corners.iter().zip(&place).filter(|(vertex, _)| !is_unseen(vertex));
+                let rim =
+                    corners.iter().zip(&place).filter(|(vertex, _)| is_seen[**vertex as usize]);
                 seeds.extend(rim.filter_map(|(_, &uv)| grid.cell(uv)));
             }
             needed.sort_unstable();
@@ -132,17 +145,27 @@ impl HiddenParts {
                 is_new
             });
             let is_reached = |cell: Option<usize>| cell.is_some_and(|cell| reached[cell] == number);
-            for &face in &part {
+            let (mut faces, mut vertices, mut area) = (Vec::new(), Vec::new(), 0.0);
+            for face in part {
                 let corners = mesh.faces().face(face as usize);
                 let place: Vec<[f64; 2]> =
                     corners.iter().map(|&vertex| places[vertex as usize]).collect();
                 let mut is_hidden = false;
                 grid.visit_cells(&place, |cell| is_hidden |= !is_reached(cell));
-                hidden.faces[face as usize] |= is_hidden;
-                for (vertex, uv) in corners.iter().zip(place) {
-                    hidden.vertices[*vertex as usize] |=
-                        is_unseen(vertex) && !is_reached(grid.cell(uv));
+                if is_hidden {
+                    let cell = pitch.at(&mesh.positions()[corners[0] as usize]);
+                    area += mesh.area_vector(corners).norm() / (cell * cell);
+                    faces.push(face);
                 }
+                let of_corners = corners.iter().zip(place);
+                let hidden = of_corners.filter(|(vertex, uv)| {
+                    !is_seen[**vertex as usize] && !is_reached(grid.cell(*uv))
+                });
+                vertices.extend(hidden.map(|it| *it.0));
+            }
+            if area >= MIN_AREA {
+                faces.into_iter().for_each(|face| hidden.faces[face as usize] = true);
+                vertices.into_iter().for_each(|vertex| hidden.vertices[vertex as usize] = true);
             }
         }
         hidden

@@ -35,18 +35,14 @@ pub(super) fn paint_hidden_faces(
         }
     }
     let scale = [image.width() as f64, height as f64];
-    let coordinates =
-        |[column, row]: [f64; 2]| [column / size[0] as f64, 1.0 - row / size[1] as f64];
     let mut corners = Vec::with_capacity(mesh.faces().corners().len());
     let mut blocks = 0..;
     for (face, is_hidden) in mesh.faces().iter().zip(is_hidden) {
         if !is_hidden {
             let seen = face.iter().map(|&vertex| uv[vertex as usize].unwrap_or_default());
-            corners.extend(
-                seen.map(|[u, v]| {
-                    coordinates([u * scale[0], ((1.0 - v) * scale[1]).min(scale[1])])
-                }),
-            );
+            corners.extend(seen.map(|[u, v]| {
+                coordinates([u * scale[0], ((1.0 - v) * scale[1]).min(scale[1])], size)
+            }));
             continue;
         }
         let block: usize = blocks.next().unwrap_or_default();
@@ -57,13 +53,18 @@ pub(super) fn paint_hidden_faces(
         }
         corners.extend((0..face.len()).map(|k| {
             let [x, y] = places[k % places.len()];
-            coordinates([corner[0] as f64 + x, corner[1] as f64 + y])
+            coordinates([corner[0] as f64 + x, corner[1] as f64 + y], size)
         }));
     }
     let image = Image::new(size[0], size[1], pixels)?;
     let mesh = mesh.clone().without_attribute("uv");
     let mesh = mesh.with_corner("uv", Attribute::Pair(corners.into()))?;
     Ok(mesh.with_texture(Some(image)))
+}
+
+/// Returns the texture coordinates of a position in a picture, in texels from its upper left corner.
+fn coordinates([column, row]: [f64; 2], size: [usize; 2]) -> [f64; 2] {
+    [column / size[0] as f64, 1.0 - row / size[1] as f64]
 }
 
 /// Returns the texels of a face's block, row by row, and the places of its corners in the block, in texels. Faces with more than four

@@ -1,10 +1,11 @@
 //! The parts of a mesh that a capture sees.
 
 use maquette_node::Error;
-use maquette_range::{JUMP, Rays, longest_edge, triangulate};
+use maquette_range::{JUMP, Rays, triangulate};
 use maquette_value::parallel::*;
 use maquette_value::{Mesh, RangeImage, TriangleTree};
-use nalgebra::Point3;
+
+use super::pitch::Pitch;
 
 /// Maximum distance of a vertex from the surface that the capture shows, in cells.
 const MAX_DISTANCE: f64 = 1.5;
@@ -76,28 +77,4 @@ fn faces_sensor(mesh: &Mesh, range: &RangeImage, near: &[Option<[f64; 2]>]) -> V
         }
     }
     has_face.into_iter().zip(is_front).map(|(has_face, front)| front || !has_face).collect()
-}
-
-/// The distance between neighboring cells.
-enum Pitch {
-    /// In mm, at a depth of 1 mm.
-    PerDepth(f64),
-    /// In mm, at any depth: the median distance of neighboring points.
-    Constant(f64),
-}
-
-impl Pitch {
-    fn new(range: &RangeImage) -> Self {
-        match range.camera() {
-            Some(camera) => Self::PerDepth(1.0 / camera.focal[0].min(camera.focal[1])),
-            None => Self::Constant(longest_edge(range, 1.0)),
-        }
-    }
-
-    fn at(&self, point: &Point3<f64>) -> f64 {
-        match self {
-            Self::PerDepth(pitch) => pitch * point.z.abs(),
-            Self::Constant(pitch) => *pitch,
-        }
-    }
 }

@@ -35,6 +35,8 @@ fn crossing_fins_are_named_with_their_vertex() {
     let text = found.warning("vertex 44", "do something");
     assert!(text.starts_with("the surface crosses itself at ") && text.contains("near vertex 44:"));
     assert!(text.ends_with("; do something"), "{text}");
+    // The way out that the node names.
+    assert_eq!(crossings(&refine_mesh(&grid(10, &spikes), Scheme::Loop, 1, false)), None);
 }
 
 #[test]
