@@ -48,6 +48,7 @@ mod published;
 mod relief;
 mod rotations;
 mod roughness;
+mod seam;
 mod search;
 mod smoothness;
 mod sources;

@@ -2,14 +2,20 @@
 //!
 //! `Texture` does not implement `update`: `Bound` computes nothing, and the window of `Planar` depends on the bounds of all vertices.
 
-use maquette_base::linear::membrane::Membrane;
-use maquette_base::tree::Tree;
-use maquette_node::{Carry, Context, Error, In, Node, Progress, Promise, Transfer, bail};
+use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer, bail};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, CaptureFrame, Image, Mesh, RangeImage};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use continuation::{Unseen, continue_texture};
+
+mod capture_grid;
+mod continuation;
+mod hidden_faces;
+mod pitch;
+mod visibility;
 
 /// Puts a texture on a mesh.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -18,9 +24,12 @@ pub struct Texture {
     pub mesh: In<Mesh>,
     /// The picture.
     pub image: In<Image>,
-    /// The unmodified capture, from which `Planar` takes extents and camera; if omitted, those of the mesh. Where the mesh is farther from
-    /// the capture than four times its spacing, as on a nose that has grown, texture coordinates are continued from the surroundings (a
-    /// discrete harmonic map), so that the picture sticks to what it shows.
+    /// The unmodified capture, from which `Planar` takes extents and camera; if omitted, those of the mesh. The capture sees a vertex if it
+    /// is within 1.5 cells of the surface that the capture shows, on a face within 75 degrees of the line of sight. Elsewhere, as on a nose
+    /// that has grown, texture coordinates are continued from the surroundings (a discrete harmonic map), so that the picture sticks to what
+    /// it shows. If the camera is known and `scale` is 0, faces in whose place the picture shows something else, such as the back of an
+    /// object or what an object in front hides, get colors that are continued from the surroundings; these are appended below the picture,
+    /// and a warning says where.
     pub range: Option<In<RangeImage>>,
     /// Mapping from vertices to texture coordinates.
     #[serde(default)]
@@ -71,12 +80,27 @@ impl Node for Texture {
             ));
         }
         let textured = texture(mesh, image, range, self.mapping)?;
-        Ok((match (range, self.mapping) {
-            (Some(range), Mapping::Planar { .. }) => {
-                without_projection_onto_others(textured, range, cx.progress())?
-            }
-            _ => textured,
-        },))
+        let (Some(range), Mapping::Planar { scale }) = (range, self.mapping) else {
+            return Ok((textured,));
+        };
+        let is_registered = scale == (0.0, 0.0) && range.camera().is_some();
+        let continued = continue_texture(textured, image, range, is_registered, cx.progress())?;
+        match continued.unseen {
+            Unseen::Nothing => {}
+            Unseen::Faces(count, at) => cx.warn(format!(
+                "the capture does not see {count} of {} faces, first at ({:.1}, {:.1}, {:.1}) mm: their colors are continued from the \
+                 surroundings; use `Bake` with captures from other sides to show what is there",
+                mesh.faces().len(),
+                at.x,
+                at.y,
+                at.z
+            )),
+            Unseen::Everything => cx.warn(
+                "no vertex of the mesh is within 1.5 cells of what the capture shows, so the picture is projected onto all of it: check that \
+                 `range` is the capture of this mesh, in the same frame",
+            ),
+        }
+        Ok((continued.mesh,))
     }
 }
 
@@ -115,48 +139,6 @@ pub fn texture(
         }
     };
     Ok(mapped.with_texture(Some(image.clone())))
-}
-
-/// The distance from the points of a capture, in multiples of their spacing, up to which a surface is what the capture shows.
-const SEEN: f64 = 4.0;
-
-/// Replaces the texture coordinates `uv` of vertices that are far from the points of the capture: a projection would show on them whatever
-/// lies behind. Parts that are nowhere near a point keep theirs.
-fn without_projection_onto_others(
-    mesh: Mesh,
-    range: &RangeImage,
-    progress: &Progress<'_>,
-) -> Result<Mesh, Error> {
-    let points: Vec<_> = (0..range.points().len()).filter_map(|cell| range.point(cell)).collect();
-    let (Some(uv), Some(spacing)) = (mesh.vertex().pairs("uv"), spacing(range)) else {
-        return Ok(mesh);
-    };
-    let tree = Tree::new(&points);
-    let mut known: Vec<Option<[f64; 3]>> = mesh
-        .positions()
-        .par_iter()
-        .with_min_len(1024)
-        .zip(uv.par_iter())
-        .map(|(at, uv)| tree.nearest(at, SEEN * spacing).map(|_| [uv[0], uv[1], 0.0]))
-        .collect();
-    let is_unknown: Vec<bool> = known.iter().map(Option::is_none).collect();
-    Membrane::around(&mesh, |vertex| is_unknown[vertex as usize]).fill(&mut known, progress)?;
-    let continued: Vec<[f64; 2]> = known
-        .iter()
-        .zip(uv.iter())
-        .map(|(known, projected)| known.map_or(*projected, |it| [it[0], it[1]]))
-        .collect();
-    Ok(mesh.with_vertex("uv", Attribute::Pair(continued.into()))?)
-}
-
-/// Returns the median distance of neighboring points in the rows of a range image; `None` without neighbors.
-fn spacing(range: &RangeImage) -> Option<f64> {
-    let cells = (1..range.points().len()).filter(|cell| cell % range.width() != 0);
-    let mut distances: Vec<f64> = cells
-        .filter_map(|cell| Some((range.point(cell)? - range.point(cell - 1)?).norm()))
-        .collect();
-    let middle = distances.len() / 2;
-    (!distances.is_empty()).then(|| *distances.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// The part of the object's x-y plane that a picture covers.
@@ -308,8 +290,9 @@ mod tests {
             planar(&mesh.with_positions(range.points().to_vec()).unwrap(), Some(&range), (0., 0.));
         let mapping = Mapping::Planar { scale: (0., 0.) };
         let projected = texture(&mesh, &picture(4, 4), Some(&range), mapping).unwrap();
-        let progress = Progress::silent();
-        let found = without_projection_onto_others(projected.clone(), &range, &progress).unwrap();
+        let progress = maquette_node::Progress::silent();
+        let (image, before_it) = (picture(4, 4), projected.clone());
+        let found = continue_texture(before_it, &image, &range, false, &progress).unwrap().mesh;
         let [projected, found] =
             [&projected, &found].map(|it| it.vertex().pairs("uv").unwrap().clone());
         for cell in 0..1600 {

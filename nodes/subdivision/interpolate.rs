@@ -17,6 +17,7 @@ use super::solve::geometric::FootSearch;
 use super::solve::interpolation::{Direction, Foot, Interpolation, Solver};
 use super::solve::least_squares::least_squares;
 use super::solve::limit_matrix::PRODUCTS;
+use super::solve::self_crossings::SelfCrossings;
 use super::solve::solution::{End, InterpolationResult, Solution};
 use super::surface::limit_feet::{ClosestFeet, vertex_feet};
 use super::{Boundary, Corners, Creases, Plan, Scheme, Subdivision};
@@ -121,8 +122,48 @@ impl Node for Interpolate {
         let found = interpolate_with(mesh, scheme, options, &fixed, cx.progress(), |topology| {
             cx.memo(topology, LimitPositions::memo)
         })?;
+        if let Some(found) = self_crossings(mesh, &found.shape, scheme, options, cx.progress())? {
+            cx.warn(found.warning(&format!("vertex {}", found.nearest), FIN_HELP));
+        }
         Ok(found.outputs(cx, "surface"))
     }
+}
+
+/// Help for surfaces with fins.
+const FIN_HELP: &str = "approximate the vertices (`FitSubdivision` with the mesh as `points`), or round the mesh first (`Subdivide`, `levels: 1`)";
+
+/// Finds places where the surface of the control mesh `control`, which interpolates the vertices of `mesh`, crosses itself.
+fn self_crossings(
+    mesh: &Mesh,
+    control: &Mesh,
+    scheme: Scheme,
+    options: &InterpolateOptions,
+    progress: &Progress<'_>,
+) -> Result<Option<SelfCrossings>, Error> {
+    let points = mesh.positions();
+    let mut spacings = vec![f64::INFINITY; points.len()];
+    for &[a, b] in &*mesh.edges().vertices {
+        let length = (points[a as usize] - points[b as usize]).norm();
+        for vertex in [a, b].map(|vertex| vertex as usize) {
+            spacings[vertex] = spacings[vertex].min(length);
+        }
+    }
+    let subdivision = Subdivision {
+        scheme,
+        levels: 2,
+        limit: true,
+        boundary: options.boundary,
+        creases: Creases::OpenSubdiv,
+        corners: Corners::Linear,
+    };
+    let found = SelfCrossings::find(
+        points,
+        control.positions(),
+        &spacings,
+        || Plan::new(control, subdivision).ok()?.apply(control).ok(),
+        progress,
+    );
+    Ok(found?)
 }
 
 fn fixed_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, Error> {

@@ -14,6 +14,7 @@ use super::solve::extent::absolute_tolerance;
 use super::solve::geometric::{FootPoint, FootSearch, Perpendicular};
 use super::solve::interpolation::{Direction, Foot, Interpolation, Solver};
 use super::solve::limit_matrix::LimitMatrix;
+use super::solve::self_crossings::SelfCrossings;
 use super::solve::solution::InterpolationResult;
 
 /// Finds the control net of a B-spline surface through a grid of points.
@@ -54,6 +55,11 @@ impl Node for InterpolateSurface {
             cx.warn("the weights of the net are not used: an interpolating surface has none");
         }
         let found = interpolate_surface(net, self.order, &self.how, cx.progress())?;
+        if let Some(found) = self_crossings(net, &found.shape, cx.progress())? {
+            let [row, column] = [found.nearest / net.columns(), found.nearest % net.columns()];
+            let name = format!("row {row}, column {column} of the net, counted from 0");
+            cx.warn(found.warning(&name, &fin_help(net, self.order)));
+        }
         Ok(found.outputs(cx, "surface"))
     }
 }
@@ -114,6 +120,44 @@ pub fn interpolate_surface(
     };
     let other = interpolate_surface(net, order, &linear, progress)?;
     Ok(if other.settled { InterpolationResult { trace: found.trace, ..other } } else { found })
+}
+
+/// Returns the help for a surface with fins: a fit with half as many control points.
+fn fin_help(net: &ControlNet, order: [usize; 2]) -> String {
+    let [rows, columns] = [(net.rows(), order[0]), (net.columns(), order[1])]
+        .map(|(count, order)| order.max(count / 2));
+    format!(
+        "approximate the points, as by `FitSurface` with `method: LeastSquares(rows: {rows}, columns: {columns})`"
+    )
+}
+
+/// The number of faces along u and v for each distance of two points, in which crossings are searched.
+const FACES_PER_POINT: usize = 4;
+
+/// Finds places where the surface through the points of a net crosses itself.
+fn self_crossings(
+    net: &ControlNet,
+    surface: &Surface,
+    progress: &Progress<'_>,
+) -> Result<Option<SelfCrossings>, Error> {
+    let (points, columns) = (net.points(), net.columns());
+    let mut spacings = vec![f64::INFINITY; points.len()];
+    for k in 0..points.len() {
+        let right = (k % columns + 1 < columns).then_some(k + 1);
+        let below = (k + columns < points.len()).then_some(k + columns);
+        for other in [right, below].into_iter().flatten() {
+            let distance = (points[other] - points[k]).norm();
+            // Points in one place are a pole.
+            if distance > 0.0 {
+                spacings[k] = spacings[k].min(distance);
+                spacings[other] = spacings[other].min(distance);
+            }
+        }
+    }
+    let [u, v] = [net.rows(), columns].map(|count| FACES_PER_POINT * (count - 1));
+    let control = surface.net().points();
+    let draw = || surface.tessellate_open(u, v).ok();
+    Ok(SelfCrossings::find(points, control, &spacings, draw, progress)?)
 }
 
 /// The distance of control points from the bounding box of the points, relative to its diagonal, beyond which the linear problem is solved.
@@ -419,6 +463,26 @@ mod tests {
             }
         }
         assert!(far > 0, "some control points are far away");
+    }
+
+    #[test]
+    fn crossing_fins_are_named_with_their_row_and_column() {
+        fn crossings(net: &ControlNet) -> Option<SelfCrossings> {
+            let surface = interpolate_net(net, [4, 4], &Interpolation::default()).shape;
+            self_crossings(net, &surface, &Progress::silent()).unwrap()
+        }
+        let mut points = alternating_net([8, 9], 0.0).points().to_vec();
+        // Two columns are fins that lean towards each other.
+        for row in 0..8 {
+            points[row * 9 + 3] += nalgebra::Vector3::new(0.95, 0.0, 2.0);
+            points[row * 9 + 5] += nalgebra::Vector3::new(-0.95, 0.0, 2.0);
+        }
+        let net = ControlNet::new(8, 9, points).unwrap();
+        let found = crossings(&net).expect("the fins cross");
+        assert!((3..6).contains(&(found.nearest % 9)), "{found:?}");
+        assert!(fin_help(&net, [4, 4]).ends_with("`method: LeastSquares(rows: 4, columns: 4)`"));
+        assert_eq!(crossings(&alternating_net([8, 9], 5.0)), None);
+        assert_eq!(crossings(&waves(8, 9)), None);
     }
 
     /// A net of points on a surface of revolution. `profile` returns the radius and the height at 0 to 1.

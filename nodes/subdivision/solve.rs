@@ -10,4 +10,5 @@ pub(super) mod interpolation;
 pub(super) mod least_squares;
 pub(super) mod limit_matrix;
 pub(super) mod record;
+pub(super) mod self_crossings;
 pub(super) mod solution;

@@ -91,7 +91,7 @@ pub(crate) fn complete(
         let outcome = progress
             .part(own, |progress| completion.level(&size, &exemplars, points, level, progress))?;
         for (iteration, energy) in &outcome.improvements {
-            let (max, rms) = (energy.max.sqrt(), energy.mean.sqrt());
+            let (max, rms) = (energy.max.sqrt(), energy.measure().sqrt());
             completed.trace.push(TraceStep { iteration: done + iteration, max, rms });
         }
         done += outcome.iterations + 1;

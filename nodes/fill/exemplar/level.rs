@@ -12,6 +12,7 @@ use super::frame::Frame;
 use super::hole::Hole;
 use super::orientations::Orientations;
 use super::patches::{Patches, Scale};
+use super::seam::Seam;
 use super::search::{Hint, Scene, Scratch, Search};
 use super::smoothness::HOLE_RATIO;
 use super::spread::Spread;
@@ -35,16 +36,24 @@ pub(super) struct CompletionContext<'a> {
     pub(super) distances: &'a [f64],
 }
 
-/// The energy of an iteration, which measures the distances between patches and their matches.
+/// The energy of an iteration, which measures the distances between patches and their matches, in mm^2.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Energy {
     /// The weighted mean of the squared distances between patches and matches: equation 1 of Kawai, Sato and Yokoya (2008).
     pub(super) mean: f64,
     /// The largest mean squared distance between a patch and its match.
     pub(super) max: f64,
+    /// The bends at the seam, see [`Seam::bends`].
+    bends: f64,
 }
 
 impl Energy {
+    /// Returns the measure by which iterates are compared. The mean alone is lowest where many exemplars agree, which is not the nearest
+    /// shape: the fill may leave the surface at an angle all around, as a dimple does.
+    pub(super) fn measure(&self) -> f64 {
+        self.mean + self.bends
+    }
+
     /// Returns true if the energy is so small that it consists only of rounding errors. `radius` is the radius of a patch.
     fn is_rounding(&self, radius: f64) -> bool {
         let rounding = ROUNDING * radius;
@@ -52,9 +61,9 @@ impl Energy {
     }
 }
 
-/// The best iterate (lowest energy) of a level, and the iterations that led to it.
+/// The best iterate (lowest [measure](Energy::measure)) of a level, and the iterations that led to it.
 pub(super) struct Outcome {
-    /// The iterations with a lower energy than all earlier ones, and their energies.
+    /// The iterations with a lower measure than all earlier ones, and their energies.
     pub(super) improvements: Vec<(u64, Energy)>,
     /// The number of iterations that the level performed.
     pub(super) iterations: u64,
@@ -124,6 +133,10 @@ const COMPARISONS: usize = 80_000;
 const FINAL_COMPARISONS: [usize; 2] = [250_000, 1_200_000];
 const WORST_DIVISOR: usize = 12;
 
+/// Minimum relative decrease of the measure that counts as progress. Without it, late iterations fit the noise of the exemplars: on most
+/// surfaces the distance to the true surface grows while the energy falls.
+const MIN_GAIN: f64 = 0.03;
+
 /// Distances between patches and exemplars below this fraction of a patch's radius are rounding errors.
 const ROUNDING: f64 = 1e-10;
 
@@ -179,6 +192,7 @@ impl CompletionLevel<'_> {
             seed: self.number,
         };
         let hints = self.hints(&patches, points, guides);
+        let seam = Seam::new(shared.surface, shared.n_data_vertices, shared.hole.edge);
         let mut now = self.find_matches(
             &search,
             points,
@@ -187,6 +201,7 @@ impl CompletionLevel<'_> {
             &hints,
             Some(FullSearch { iteration: 0, more: COMPARISONS }),
         );
+        now.energy.bends = seam.bends(points);
         let mut best = (points[shared.n_data_vertices..].to_vec(), now.clone());
         let mut kept = vec![(0, now.energy)];
         let (mut since, mut iterations) = (0, 0);
@@ -203,9 +218,10 @@ impl CompletionLevel<'_> {
             let far = FullSearch { iteration: iterations, more: COMPARISONS };
             let far = iterations.is_multiple_of(FULL_SEARCH_INTERVAL).then_some(far);
             now = self.find_matches(&search, points, areas, &now.matches, &[], far);
-            let better = now.energy.mean < best.1.energy.mean * (1.0 - self.min_gain());
-            since = if better { 0 } else { since + 1 };
-            if now.energy.mean < best.1.energy.mean {
+            now.energy.bends = seam.bends(points);
+            let [measure, lowest] = [&now, &best.1].map(|iterate| iterate.energy.measure());
+            since = if measure < lowest * (1.0 - MIN_GAIN) { 0 } else { since + 1 };
+            if measure < lowest {
                 best = (points[shared.n_data_vertices..].to_vec(), now.clone());
                 kept.push((iterations, now.energy));
             }
@@ -233,15 +249,6 @@ impl CompletionLevel<'_> {
             normals,
             patch_weights: shares,
         })
-    }
-
-    /// Returns the minimum relative decrease of the energy that counts as progress. Without the limit of 3 %, late iterations fit the noise
-    /// of the exemplars: on most surfaces the distance to the true surface grows while the energy falls.
-    fn min_gain(&self) -> f64 {
-        match self.shared.options.update {
-            Update::Exact => 0.03,
-            Update::Published => 1e-3,
-        }
     }
 
     /// Returns the standard error of the position of a fill's vertex at the beginning of the level.
@@ -451,7 +458,7 @@ fn energy(matches: &[Match], weights: &[f64]) -> Energy {
         }
     }
     let mean = if weight > 0.0 { sum / weight } else { f64::INFINITY };
-    Energy { mean, max: if weight > 0.0 { max } else { f64::INFINITY } }
+    Energy { mean, max: if weight > 0.0 { max } else { f64::INFINITY }, bends: 0.0 }
 }
 
 /// Returns, for each patch, the distance of each of its samples to the patch's exemplar, along the sample's normal.

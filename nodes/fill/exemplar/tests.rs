@@ -88,6 +88,29 @@ fn the_energy_of_kept_iterations_decreases() {
     assert!(trace.windows(2).all(|pair| pair[1].rms <= pair[0].rms), "{trace:?}");
 }
 
+/// The trace has the measure by which iterates are compared. The iteration must keep the best iterate, and end near it.
+#[test]
+fn the_result_is_no_worse_than_any_iterate() {
+    for update in [Update::Exact, Update::Published] {
+        let (start, options) = flat_cap();
+        let options = ExemplarOptions { levels: 1, radii: vec![0.5], update, ..options };
+        fn finish(start: &Filling, options: &ExemplarOptions) -> (f64, f64) {
+            let mut filling = start.clone();
+            let last = run(&mut filling, options).trace.last().unwrap().rms;
+            (last, off_sphere(&filling))
+        }
+        let (result, off) = finish(&start, &options);
+        let iterates = [1, 3, 6, 12].map(|iterations| {
+            let (iterations, limited) = (Some(iterations), options.clone());
+            finish(&start, &ExemplarOptions { iterations, ..limited })
+        });
+        assert!(iterates.windows(2).all(|pair| pair[1].0 <= pair[0].0), "{iterates:?}");
+        assert!(iterates.iter().all(|iterate| result <= iterate.0), "{update:?} {iterates:?}");
+        let nearest = iterates.iter().map(|iterate| iterate.1).fold(f64::INFINITY, f64::min);
+        assert!(off <= nearest + 0.02 * iterates[0].1, "{update:?} {off} {iterates:?}");
+    }
+}
+
 fn broken_ridge() -> Filling {
     let mut filling = grid(29, |x, y| x.abs() < 0.38 && y.abs() < 0.23, |x, _| ridge(x));
     plate(&mut filling);

@@ -9,6 +9,7 @@ use crate::refine::without_border::select_faces;
 use crate::solve::interpolation::{Norm, Solver};
 
 mod alternating;
+mod fins;
 mod given;
 mod published;
 
