@@ -6,5 +6,6 @@ mod curves;
 pub(super) mod divide;
 mod ends;
 mod pairing;
+mod round_chart;
 pub(super) mod segmentation;
 pub(super) mod sharpen;

@@ -27,12 +27,13 @@ use super::intersections::damping::damp_displacements;
 use super::intersections::detect::Intersections;
 use super::intersections::resolve::HoleFills;
 use super::method::FillMethod;
-use super::plain::hole_fill::{Fallback, HoleFill};
+use super::plain::hole_fill::HoleFill;
 use super::plain::options::PlainOptions;
 use super::plain::plain_fill::fill_hole;
 use super::plain::remesh::Remesh;
 use super::triangles::density::TRIANGLES;
 use super::triangles::filling::Filling;
+use super::warnings::{describe_fallbacks, describe_place, face_center};
 
 /// Fills the holes of a mesh: with shapes found elsewhere on it, smoothly, or flat.
 ///
@@ -218,10 +219,10 @@ pub fn fill_holes(
         };
         hole_fills.resolve(plain_options, progress)?;
     }
-    warnings.extend(describe_fallbacks(&chosen.holes, &fills));
+    warnings.extend(describe_fallbacks(&chosen.holes, &holes, &fills, &filling));
     if let Err(elements) = check_rims(&filling, &one_rings, &holes) {
         bail!(
-            "the filled mesh would not be manifold at {elements}; leave the rim there out with `holes: Edges` or `holes: Loops`, or cut the faces around it away with `holes: Region`"
+            "the filled mesh would not be manifold at {elements}: leave out the rim there with `holes: Loops`, or cut out the faces around it with `holes: Region`"
         );
     }
     let (mut steps, mut copies) = (Vec::new(), None);
@@ -273,15 +274,16 @@ pub fn fill_holes(
                 }
             };
             if completed.no_exemplar && !holes.is_empty() {
-                warnings.push("no part of the data is similar to the surroundings of the holes: the initial shape is kept".into());
+                warnings.push("no part of the data is similar to the surroundings of the holes: the initial shape is kept; use smaller `radii`, or `method: ThinPlate`".into());
             }
             (steps, copies) = (completed.trace, Some(completed.copies));
             intersections.update(&filling, |_| true, progress)?;
             if !intersections.is_empty() {
-                let before = intersections.faces(&filling).len();
+                let before = intersections.faces(&filling);
                 damp_displacements(&mut filling, &start, &mut intersections, progress)?;
-                if intersections.faces(&filling).len() < before {
-                    warnings.push("where copied shapes would intersect the mesh or each other, the initial shape is used".into());
+                if intersections.faces(&filling).len() < before.len() {
+                    let place = describe_place(face_center(&filling, before[0]));
+                    warnings.push(format!("where copied shapes would intersect the mesh or each other, first at {place}, the initial shape is used"));
                 }
             }
         }
@@ -316,7 +318,7 @@ impl MeshBorder {
     fn new(mesh: &Mesh, holes: &HoleChoice, is_cut: &[bool]) -> Result<Self, Error> {
         let ((rims, filling), components) =
             rayon::join(|| (rims(mesh), Filling::new(mesh)), || Components::new(mesh));
-        let rims = rims.map_err(not_manifold)?;
+        let rims = rims.map_err(|elements| not_manifold(mesh, &elements))?;
         let chosen = choose(mesh, &components, &rims, holes, is_cut).map_err(|number| {
             let count = rims.len();
             Error::new(format!(
@@ -370,10 +372,14 @@ impl MeshBorder {
     }
 }
 
-fn not_manifold(elements: NotManifold) -> Error {
+fn not_manifold(mesh: &Mesh, elements: &NotManifold) -> Error {
+    let edges = elements.edges.iter().map(|edge| edge[0]);
+    let first = edges.chain(elements.vertices.iter().copied()).next();
+    let place = first.map(|vertex| describe_place(mesh.positions()[vertex as usize]));
     Error::new(format!(
         "the mesh is not manifold at {elements}: an edge may have at most two faces, of equal orientation, and the faces \
-         around a vertex must be connected; use `Orient` to turn faces, `Weld` to join parts, or `Crop` to take away what is there"
+         around a vertex must be connected; cut out the faces there, the first at {}, with `holes: Region`",
+        place.unwrap_or_default()
     ))
 }
 
@@ -464,34 +470,6 @@ fn describe_outer(rims: &[Vec<u32>], outer: &[usize], components: usize) -> Opti
     })
 }
 
-fn describe_fallbacks(holes: &[usize], fills: &[HoleFill]) -> Vec<String> {
-    let [rough, smooth, intersecting] =
-        [Fallback::RoughRim, Fallback::NoCreases, Fallback::Intersection].map(|fallback| {
-            let rims = holes.iter().zip(fills).filter(|(_, fill)| fill.fallback == Some(fallback));
-            rims.map(|(rim, _)| rim.to_string()).collect::<Vec<_>>()
-        });
-    let mut warnings = Vec::new();
-    if !intersecting.is_empty() {
-        warnings.push(format!(
-            "rim {} is filled with another surface than requested, because the requested one would intersect the mesh or itself",
-            intersecting.join(", ")
-        ));
-    }
-    if !rough.is_empty() {
-        warnings.push(format!(
-            "rim {} is too rough for a thin plate and is filled with a membrane",
-            rough.join(", ")
-        ));
-    }
-    if !smooth.is_empty() {
-        warnings.push(format!(
-            "no creases that can be extended end at rim {}: it is filled with a thin plate",
-            smooth.join(", ")
-        ));
-    }
-    warnings
-}
-
 fn describe_intersections(
     holes: &[usize],
     hole_fills: &HoleFills<'_>,
@@ -499,16 +477,9 @@ fn describe_intersections(
 ) -> Option<String> {
     let filling = &*hole_fills.filling;
     let faces = hole_fills.intersections.faces(filling);
-    let first = filling.faces[*faces.first()? as usize];
-    let [a, b, c] = first.map(|vertex| filling.points[vertex as usize].coords);
-    let middle = (a + b + c) / 3.0;
-    let mut text = format!(
-        "{} filled triangles intersect others, the first at ({:.3}, {:.3}, {:.3})",
-        faces.len(),
-        middle.x,
-        middle.y,
-        middle.z
-    );
+    let place = describe_place(face_center(filling, *faces.first()?));
+    let mut text =
+        format!("{} filled triangles intersect others, the first at {place}", faces.len());
     let why =
         ["a disconnected part of the mesh blocks rim", "the data intersect themselves at rim"];
     for (why, at) in why.into_iter().zip(hole_fills.reasons(components)) {

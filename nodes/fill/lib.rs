@@ -16,6 +16,7 @@ mod shapes;
 #[cfg(test)]
 mod tests;
 mod triangles;
+mod warnings;
 
 pub use border::holes::HoleChoice;
 pub use border::regions::HoleRegion;

@@ -20,7 +20,8 @@ pub enum FillMethod {
     /// Flat triangles between rim vertices.
     Flat,
     /// Like `ThinPlate`, but smooth segments of the data that meet in creases at the rim are extended until they meet, so that the creases
-    /// stay sharp. Creases along circles and splines are continued as curves, also over long gaps.
+    /// stay sharp, also in corners. Segments are extended as planes, spheres, cylinders, cones or paraboloids, whichever explains the data
+    /// best. Creases along circles and splines are continued as curves, also over long gaps.
     CreaseAware,
 }
 

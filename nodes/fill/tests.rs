@@ -12,6 +12,7 @@ use super::fill_holes::{FilledMesh, fill_holes};
 use super::method::FillMethod;
 use super::shapes::{grid, random, remove_vertices, sphere, triangle_mesh};
 
+mod corners;
 mod cracks;
 mod creases;
 mod curved_creases;
@@ -20,6 +21,7 @@ mod odd_holes;
 mod pictures;
 mod published;
 mod relief;
+mod ridges;
 mod smooth_cuts;
 
 const PLAIN: [FillMethod; 4] =

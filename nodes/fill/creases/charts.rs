@@ -1,10 +1,11 @@
-//! The smooth segments of the surface around a hole, which meet in creases. Each segment is approximated by a plane or paraboloid, which is
+//! The smooth segments of the surface around a hole, which meet in creases. Each segment is approximated by a simple surface, which is
 //! extrapolated into the hole.
 
 use maquette_base::topology::union_find::UnionFind;
 use nalgebra::{Point3, Vector3};
 
 use super::chart::Chart;
+use super::round_chart::Samples;
 use super::segmentation::{Band, segment};
 use crate::border::rim::Rim;
 use crate::triangles::filling::Filling;
@@ -29,9 +30,13 @@ const MIN_EDGES: usize = 3;
 /// Minimum area of a face divided by the mean face area; smaller faces belong to no segment.
 const MIN_AREA: f64 = 0.15;
 
-/// Maximum root mean square distance of a segment's vertices from the segment's plane or paraboloid, as a multiple of the mean edge length
-/// at the hole's rim.
+/// Maximum root mean square distance of a segment's vertices from the segment's surface, as a multiple of the mean edge length at the
+/// hole's rim.
 const MAX_MISFIT: f64 = 0.12;
+
+/// Maximum distance of a rim vertex from the surface of its segment, in edge lengths. A ridge or groove between two segments, which is narrower
+/// than [`MIN_EDGES`], is farther away: it is no crease.
+const MAX_RIM_MISFIT: f64 = 0.36;
 
 /// Minimum ratio of the mean bending at edges between segments to the mean bending at edges inside segments. Both are measured on smoothed
 /// normals.
@@ -141,15 +146,9 @@ impl Charts {
             let members_of_segment =
                 faces.iter().zip(segments).filter(|(_, other)| **other == segment);
             let own: Vec<[u32; 3]> = members_of_segment.map(|(face, _)| *face).collect();
-            let mut vertices: Vec<u32> = own.as_flattened().to_vec();
-            vertices.sort_unstable();
-            vertices.dedup();
-            let points: Vec<Point3<f64>> =
-                vertices.into_iter().map(|vertex| filling.point(vertex)).collect();
-            let normal: Vector3<f64> =
-                own.iter().map(|&face| area_vector(filling.corners(face))).sum();
-            charts.push(Chart::fit(&points, normal.try_normalize(0.0)?, MAX_MISFIT * edge)?);
-            members.push(points);
+            let samples = samples(filling, &own);
+            charts.push(Chart::fit_best(&samples, edge, MAX_MISFIT * edge)?);
+            members.push(samples.points);
         }
         let numbers: Vec<Option<usize>> =
             of_edges.iter().map(|segment| known.binary_search(segment).ok()).collect();
@@ -160,7 +159,31 @@ impl Charts {
         let mut rim_sets: Vec<u32> = rim_sets.collect();
         fill_gaps(&mut rim_sets);
         follow_creases(&mut rim_sets, &charts, &rim.points, MAX_MISFIT * edge);
+        let is_on_segment = rim_sets.iter().zip(&rim.points).all(|(set, &point)| {
+            let own = charts.iter().enumerate().filter(|(number, _)| set >> number & 1 == 1);
+            own.map(|(_, chart)| chart.distance(point).0.abs())
+                .any(|off| off <= MAX_RIM_MISFIT * edge)
+        });
+        if !is_on_segment {
+            return None;
+        }
         Some(Self { kind: crease_kind(&charts, &members), charts, rim_sets })
+    }
+}
+
+/// Returns the vertices, the centers and the area vectors of faces.
+fn samples(filling: &Filling, faces: &[[u32; 3]]) -> Samples {
+    let mut vertices: Vec<u32> = faces.as_flattened().to_vec();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let corners = faces.iter().map(|&face| filling.corners(face));
+    Samples {
+        points: vertices.into_iter().map(|vertex| filling.point(vertex)).collect(),
+        centers: corners
+            .clone()
+            .map(|[a, b, c]| Point3::from((a.coords + b.coords + c.coords) / 3.0))
+            .collect(),
+        areas: corners.map(area_vector).collect(),
     }
 }
 

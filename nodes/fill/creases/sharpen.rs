@@ -27,12 +27,15 @@ const MAX_ROUNDS_AFTER: usize = 30;
 /// An edge shorter than this multiple of its target length is collapsed, unless that would damage a crease.
 const SHORT_RATIO: f64 = 0.6;
 
+/// Maximum distance of a corner from a segment that meets others there, as a multiple of the target edge length.
+const MAX_CORNER_MISFIT: f64 = 0.15;
+
 /// Maximum displacement of a vertex, as a multiple of the maximum distance between a rim vertex and the rim's centroid. Segments that meet
 /// farther away are parts of different shapes.
 const MAX_DISPLACEMENT: f64 = 1.0;
 
 /// Returns the smooth fill `triangulation` with the creases of the surrounding surface extended across it. Returns `None` if no crease ends
-/// at the hole's rim or if the creases do not meet.
+/// at the hole's rim, if the creases do not meet, or if more than `max_folded` faces are folded.
 ///
 /// # Errors
 /// Returns an error if the evaluation is cancelled.
@@ -41,6 +44,7 @@ pub(crate) fn sharpen(
     triangulation: &Triangulation,
     rim: &Rim,
     sizes: &Sizes,
+    max_folded: usize,
     progress: &Progress<'_>,
 ) -> Result<Option<Triangulation>, CancelledError> {
     let Some(charts) = Charts::find(filling, rim) else { return Ok(None) };
@@ -83,6 +87,7 @@ pub(crate) fn sharpen(
             break;
         }
     }
+    let best = best.filter(|(folded, _)| *folded <= max_folded);
     Ok(best.map(|(_, sharp)| sharp.triangulation))
 }
 
@@ -208,13 +213,44 @@ impl Sharpening<'_> {
                 let position = self.crossing(a, b);
                 let set = self.vertex_set(a) | self.vertex_set(b);
                 self.triangulation.split(half, position);
+                let (position, set) = self.crease_point(position, set);
                 self.sets.push(set);
                 let vertex = self.sets.len() as u32 - 1;
-                self.triangulation.points[vertex as usize] = self.project(position, set);
+                self.triangulation.points[vertex as usize] = position;
                 count += 1;
             }
             if count == 0 {
                 return;
+            }
+        }
+    }
+
+    /// Returns the point near a position where the segments in `set` meet, and the set of all segments that meet there. Beyond a corner,
+    /// the curve in which two segments meet is cut off by a third one; then the point is the corner. More than three segments may meet in
+    /// one corner.
+    fn crease_point(&self, position: Point3<f64>, mut set: u32) -> (Point3<f64>, u32) {
+        let tolerance = MAX_CORNER_MISFIT * self.sizes.length_at(position);
+        let sign = match self.charts.kind {
+            CreaseKind::Convex => 1.0,
+            CreaseKind::Concave => -1.0,
+            CreaseKind::Mixed => 0.0,
+        };
+        loop {
+            let point = self.project(position, set);
+            let others = (0_u32..).zip(&self.charts.charts).filter(|(k, _)| set >> k & 1 == 0);
+            let heights = others.map(|(k, chart)| (chart.distance(point).0, k));
+            let heights: Vec<(f64, u32)> = heights.collect();
+            let above = heights.iter().map(|&(height, k)| (sign * height, k));
+            let highest = above.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+            match highest {
+                Some((height, other)) if height > tolerance && set.count_ones() < 3 => {
+                    set |= 1 << other;
+                }
+                _ if set.count_ones() < 3 => return (point, set),
+                _ => {
+                    let near = heights.iter().filter(|(height, _)| height.abs() <= tolerance);
+                    return (point, near.fold(set, |set, (_, k)| set | 1 << k));
+                }
             }
         }
     }

@@ -1,6 +1,7 @@
 //! Measures the similarity of a patch of the fill and an exemplar (a patch of the input surface).
 
 use maquette_value::simd::{Kernel, widest};
+use nalgebra::{Matrix5, Vector5};
 
 use super::frame::Orientation;
 use super::heights::{LANES, Sample, View};
@@ -32,7 +33,18 @@ pub(super) struct Alignment {
     pub(super) distances: Vec<f64>,
     /// The plane that fits `distances` best. Callers must subtract the plane from `distances`.
     pub(super) plane: Plane,
+    /// The shift of the samples on the exemplar, in columns and rows of its lattice.
+    pub(super) shift: [f64; 2],
+    /// The sum of the squared distances from the plane.
+    sum: f64,
 }
+
+/// Maximum shift of an exemplar, in steps of its lattice: about the distance between neighboring exemplars.
+const MAX_SHIFT: f64 = 1.0;
+
+/// Weight of a shift by one step beside the squares of slopes, which are lengths per step: slopes smaller than a thousandth of the patch
+/// radius per step determine no shift.
+const SHIFT_DAMPING: f64 = 1e-6;
 
 impl PatchSamples {
     /// Prepares the samples for comparisons. If `moves` is true, each exemplar is shifted and tilted slightly to fit best; otherwise it
@@ -56,7 +68,8 @@ impl PatchSamples {
     /// Computes the samples in the coordinates of exemplars that have the given orientation.
     pub(super) fn view(&self, step: f64, orientation: &Orientation, view: &mut Vec<View<LANES>>) {
         view.clear();
-        view.extend(self.samples.chunks(LANES).map(|some| View::new(some, step, orientation)));
+        let some = self.samples.chunks(LANES);
+        view.extend(some.map(|some| View::new(some, step, orientation, [0.0; 2])));
     }
 
     /// Returns the mean of the squared distances between the samples, given as `view`, and an exemplar's heights: Kawai, Sato and Yokoya
@@ -99,17 +112,76 @@ impl PatchSamples {
         if mean <= max_mean { mean } else { f64::INFINITY }
     }
 
-    /// Aligns an exemplar (a patch of the input surface) with the patch by the best small shift and tilt.
+    /// Aligns an exemplar (a patch of the input surface) with the patch by the best small shift and tilt. The center of an exemplar is a
+    /// vertex; shifts sideways, by less than the distance to the next one, make steep features meet.
     pub(super) fn align(&self, heights: &[f32], step: f64, orientation: &Orientation) -> Alignment {
-        let mut view = Vec::new();
-        self.view(step, orientation, &mut view);
+        let still = self.align_shifted(heights, step, orientation, [0.0; 2]);
+        let Some(shift) = self.best_shift(&still.distances, heights, step, orientation) else {
+            return still;
+        };
+        let moved = self.align_shifted(heights, step, orientation, shift);
+        if moved.sum < still.sum { moved } else { still }
+    }
+
+    /// Returns the shift of the samples, in columns and rows, that brings them nearest to an exemplar, as far as it is known from the
+    /// distances and slopes at their positions. A plane is fitted at the same time. Returns `None` if the shift is not determined.
+    fn best_shift(
+        &self,
+        distances: &[f64],
+        heights: &[f32],
+        step: f64,
+        orientation: &Orientation,
+    ) -> Option<[f64; 2]> {
+        let (mut matrix, mut right) = (Matrix5::zeros(), Vector5::zeros());
+        for (first, some) in self.samples.chunks(LANES).enumerate() {
+            let view: View<LANES> = View::new(some, step, orientation, [0.0; 2]);
+            let slopes = view.distance_slopes(heights);
+            for k in 0..some.len() {
+                let sample = LANES * first + k;
+                let distance = distances[sample];
+                let [u, v] = self.positions[sample];
+                let row = Vector5::new(1.0, u, v, slopes[0][k], slopes[1][k]);
+                if distance.is_finite() && row.iter().all(|x| x.is_finite()) {
+                    matrix += row * row.transpose();
+                    right += row * distance;
+                }
+            }
+        }
+        // Damp shifts that slopes hardly determine, as on a plane.
+        let damping = SHIFT_DAMPING * self.radius * self.radius * matrix[(0, 0)];
+        matrix[(3, 3)] += damping;
+        matrix[(4, 4)] += damping;
+        let solution = matrix.cholesky()?.solve(&right);
+        let shift = [-solution[3], -solution[4]];
+        let length = libm::hypot(shift[0], shift[1]);
+        if !(length > 0.0) {
+            return None;
+        }
+        Some(shift.map(|x| x * (MAX_SHIFT / length).min(1.0)))
+    }
+
+    fn align_shifted(
+        &self,
+        heights: &[f32],
+        step: f64,
+        orientation: &Orientation,
+        shift: [f64; 2],
+    ) -> Alignment {
+        let samples = self.samples.chunks(LANES);
+        let view: Vec<View<LANES>> =
+            samples.map(|some| View::new(some, step, orientation, shift)).collect();
         let mut distances = Vec::with_capacity(LANES * view.len());
         widest(Distances { patch: self, view: &view, heights, distances: &mut distances });
         distances.truncate(self.samples.len());
         let mut sums = Sums::default();
         let met = distances.iter().zip(&self.positions).filter(|(distance, _)| !distance.is_nan());
+        let count = met.clone().count();
         met.for_each(|(&distance, &position)| sums.add(distance, position));
-        Alignment { distances, plane: self.stages[STAGES - 1].1.solve(sums.moments) }
+        let planes = &self.stages[STAGES - 1].1;
+        let absent = (MISSING_DISTANCE * self.radius) * (MISSING_DISTANCE * self.radius);
+        let missing = (self.samples.len() - count) as f64;
+        let sum = sums.squares + missing * absent - planes.gain(sums.moments);
+        Alignment { distances, plane: planes.solve(sums.moments), shift, sum }
     }
 
     /// Returns the distances of samples to an exemplar; NaN where the exemplar has no surface or is farther away than its radius.
@@ -209,5 +281,51 @@ impl Planes {
     pub(super) fn gain(&self, moments: [f64; 3]) -> f64 {
         let plane = self.solve(moments);
         plane[0] * moments[0] + plane[1] * moments[1] + plane[2] * moments[2]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::heights::{NODES, SIDE};
+    use super::*;
+
+    #[test]
+    fn a_steep_exemplar_is_aligned_sideways() {
+        fn wall(x: f64, y: f64) -> f64 {
+            libm::tanh(x + 0.3 * y) + 0.3 * libm::sin(0.9 * y)
+        }
+        let half = (SIDE / 2) as f64;
+        let heights: Vec<f32> = (0..NODES)
+            .map(|node| wall((node % SIDE) as f64 - half, (node / SIDE) as f64 - half) as f32)
+            .collect();
+        let mut patch = PatchSamples::default();
+        for node in 0..NODES {
+            let at = [(node % SIDE) as f64 - half, (node / SIDE) as f64 - half].map(|x| 0.6 * x);
+            if libm::hypot(at[0], at[1]) < 5.0 {
+                let height = wall(at[0] + 0.4, at[1] - 0.3);
+                patch.samples.push(Sample { at, height, normal: [0.0, 0.0, 1.0] });
+            }
+        }
+        patch.prepare(5.0, true);
+        let straight = Orientation::list(1, false)[0];
+        let [still, best] = [
+            patch.align_shifted(&heights, 1.0, &straight, [0.0; 2]),
+            patch.align(&heights, 1.0, &straight),
+        ];
+        assert!(best.sum < 0.1 * still.sum, "{} {}", best.sum, still.sum);
+        assert!((best.shift[0] - 0.4).abs() < 0.1, "{:?}", best.shift);
+        assert!((best.shift[1] + 0.3).abs() < 0.15, "{:?}", best.shift);
+    }
+
+    #[test]
+    fn a_plane_determines_no_shift() {
+        let mut patch = PatchSamples::default();
+        for k in 0..40 {
+            let at = [f64::from(k % 7) - 3.0, f64::from(k / 7) - 3.0];
+            patch.samples.push(Sample { at, height: 0.5 * at[0], normal: [0.0, 0.0, 1.0] });
+        }
+        patch.prepare(5.0, true);
+        let aligned = patch.align(&[1.0; NODES], 1.0, &Orientation::list(1, false)[0]);
+        assert_eq!(aligned.shift, [0.0; 2]);
     }
 }

@@ -108,8 +108,9 @@ struct Alignments<'a> {
     points: &'a [Point3<f64>],
     /// For each vertex, the index of its sample; [`NONE`] if the vertex is not a sample.
     place: Vec<u32>,
-    /// For each patch, the plane of the distances between the patch and its exemplar, computed on first use.
-    planes: Vec<Option<Plane>>,
+    /// For each patch, the plane of the distances between the patch and its exemplar, and the shift of its samples on the exemplar,
+    /// computed on first use.
+    planes: Vec<Option<(Plane, [f64; 2])>>,
 }
 
 impl<'a> Alignments<'a> {
@@ -145,14 +146,23 @@ impl<'a> Alignments<'a> {
     }
 
     /// Returns the position that a vertex has on the exemplar of the patch `center`, after aligning the exemplar with the patch.
-    fn copied_point(&self, vertex: u32, center: usize, plane: &Plane) -> Point3<f64> {
+    fn copied_point(
+        &self,
+        vertex: u32,
+        center: usize,
+        (plane, shift): &(Plane, [f64; 2]),
+    ) -> Point3<f64> {
         let Detail { exemplars, outcome, orientations, radius, .. } = *self.detail;
         let point = self.points[vertex as usize];
         let normal = outcome.normals[self.place[vertex as usize] as usize];
         let found = &outcome.matches[center];
         let sample = sample(&outcome.frames[center], &point, &normal);
-        let view =
-            View::<1>::new(&[sample], exemplars.lattice.step, orientations.get(found.orientation));
+        let view = View::<1>::new(
+            &[sample],
+            exemplars.lattice.step,
+            orientations.get(found.orientation),
+            *shift,
+        );
         let [distance] = view.distances(exemplars.heights(found.exemplar));
         let [u, v] = sample.at.map(|x| x / radius);
         point + normal * (distance - plane[0] - plane[1] * u - plane[2] * v)
@@ -160,7 +170,7 @@ impl<'a> Alignments<'a> {
 }
 
 /// Returns the plane that fits the distances between a patch and its exemplar.
-fn fit_plane(detail: &Detail<'_>, points: &[Point3<f64>], center: usize) -> Plane {
+fn fit_plane(detail: &Detail<'_>, points: &[Point3<f64>], center: usize) -> (Plane, [f64; 2]) {
     let Detail { exemplars, outcome, orientations, radius, .. } = *detail;
     let (patches, found) = (&outcome.patches, &outcome.matches[center]);
     let mut patch = PatchSamples::default();
@@ -170,7 +180,8 @@ fn fit_plane(detail: &Detail<'_>, points: &[Point3<f64>], center: usize) -> Plan
     }));
     patch.prepare(radius, true);
     let heights = exemplars.heights(found.exemplar);
-    patch.align(heights, exemplars.lattice.step, orientations.get(found.orientation)).plane
+    let aligned = patch.align(heights, exemplars.lattice.step, orientations.get(found.orientation));
+    (aligned.plane, aligned.shift)
 }
 
 /// Returns the sum of the differences between a vertex and its neighbors along a normal.

@@ -356,14 +356,20 @@ pub(super) struct View<const N: usize> {
 }
 
 impl<const N: usize> View<N> {
-    /// Creates a view of at most `N` samples for lattices with spacing `step`; unused lanes have no position.
-    pub(super) fn new(samples: &[Sample], step: f64, orientation: &Orientation) -> Self {
+    /// Creates a view of at most `N` samples for lattices with spacing `step`; unused lanes have no position. The samples are shifted by
+    /// `shift` columns and rows.
+    pub(super) fn new(
+        samples: &[Sample],
+        step: f64,
+        orientation: &Orientation,
+        shift: [f64; 2],
+    ) -> Self {
         let (mut at, mut heights, mut normals) = ([[f64::NAN; N]; 2], [0.0; N], [[0.0; N]; 3]);
         let middle = HALF as f64;
         for (k, sample) in samples.iter().enumerate() {
             let [u, v] = orientation.apply(sample.at);
             let [x, y] = orientation.apply([sample.normal[0], sample.normal[1]]);
-            (at[0][k], at[1][k]) = (u / step + middle, v / step + middle);
+            (at[0][k], at[1][k]) = (u / step + middle + shift[0], v / step + middle + shift[1]);
             heights[k] = sample.height;
             (normals[0][k], normals[1][k], normals[2][k]) = (x / step, y / step, sample.normal[2]);
         }
@@ -399,6 +405,22 @@ impl<const N: usize> View<N> {
             distances[k] = if leaves[k] == 0 { distances[k] } else { again };
         }
         distances
+    }
+}
+
+impl<const N: usize> View<N> {
+    /// Returns the changes of the distances of the samples if they are shifted by a column or a row.
+    #[inline(always)]
+    pub(super) fn distance_slopes(&self, heights: &[f32]) -> [[f64; N]; 2] {
+        let [x, y, z] = &self.normals;
+        let below = self.cells.interpolate(heights);
+        let mut slopes = below.slopes;
+        for k in 0..N {
+            let descent = descent(below.slopes(k), [x[k], y[k], z[k]]);
+            slopes[0][k] /= descent;
+            slopes[1][k] /= descent;
+        }
+        slopes
     }
 }
 

@@ -104,7 +104,7 @@ impl Hole {
 }
 
 /// The largest radius of a patch of a relief, in wavelengths.
-const WAVELENGTHS: f64 = 1.25;
+const WAVELENGTHS: f64 = 2.0;
 
 /// Maximum ratio of the radii of consecutive levels on a relief, and maximum number of levels that are used for it.
 const MAX_RADIUS_RATIO: f64 = 1.8;

@@ -17,7 +17,7 @@ pub struct ExemplarOptions {
     #[serde(default)]
     pub update: Update,
     /// Patch radius on each level. If 0 or omitted, it is chosen from the hole's width and the data's edge length. If the data around the
-    /// hole are a relief that repeats regularly, the largest radius is 1.25 times its wavelength, and there are as many levels as needed.
+    /// hole are a relief that repeats regularly, the largest radius is twice its wavelength, and there are as many levels as needed.
     #[schemars(inner(range(min = 0.0)), extend("unit" = "mm"))]
     #[serde(default)]
     pub radii: Vec<f64>,

@@ -15,6 +15,10 @@ use crate::triangles::triangulation::Triangulation;
 /// Minimum number of rim edges for extending creases that the user did not ask for.
 const MIN_RIM_EDGES: usize = 16;
 
+/// Maximum number of folded faces in a fill across which creases are extended that the user did not ask for. More are a sign that the surface
+/// has no creases.
+const MAX_FOLDED: usize = 2;
+
 /// Fills one hole. Edges have the length `edge`; if that is `None`, the edge length of the input mesh at the rim.
 ///
 /// # Errors
@@ -54,7 +58,8 @@ pub(crate) fn fill_hole(
     }
     let is_asked = method == PlainMethod::CreaseAware;
     if is_asked || method == PlainMethod::PlateOrCreases && are_creases_certain(&fallback, rim) {
-        match extend_creases(filling, &triangulation, rim, &sizes, progress)? {
+        let max_folded = if is_asked { usize::MAX } else { MAX_FOLDED };
+        match extend_creases(filling, &triangulation, rim, &sizes, max_folded, progress)? {
             Some(fill) => return Ok(fill),
             None if is_asked => fallback = fallback.or(Some(Fallback::NoCreases)),
             None => {}
@@ -71,12 +76,13 @@ fn extend_creases(
     plate: &Triangulation,
     rim: &Rim,
     sizes: &Sizes,
+    max_folded: usize,
     progress: &Progress<'_>,
 ) -> Result<Option<HoleFill>, RefineError> {
     let divided = divide::divide(filling, rim, sizes, progress)?;
     let sharp = match &divided {
         Some(divided) if divided.is_clear => None,
-        _ => sharpen::sharpen(filling, plate, rim, sizes, progress)?,
+        _ => sharpen::sharpen(filling, plate, rim, sizes, max_folded, progress)?,
     };
     fn fill(triangulation: Triangulation, is_relief: Vec<bool>) -> HoleFill {
         HoleFill { triangulation, fallback: None, is_sharp: true, is_relief }
