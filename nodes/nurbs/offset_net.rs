@@ -109,7 +109,8 @@ pub fn offset_net(
     let factors = profile.factors(net, &free, depths.as_deref(), distance, picture, progress)?;
     let mut factors: Vec<f64> =
         factors.iter().zip(&free).map(|(factor, &free)| factor * f64::from(free)).collect();
-    if let Some(direction) = Unit::try_new(offset, 0.0).filter(|_| profile.is_hill()) {
+    let sinks = mean_normal(net).is_ok_and(|normal| normal.vector().dot(&offset) < 0.0);
+    if let Some(direction) = Unit::try_new(offset, 0.0).filter(|_| sinks && profile.is_hill()) {
         let inside = inside_points(net, &free, &within);
         let part = Part { net, inside: &inside, rim_distances: rim_distances.as_deref() };
         if let Some(relief) = part.relief(direction, progress)? {

@@ -53,10 +53,10 @@ impl Profile {
     ) -> Result<Vec<f64>, Error> {
         let falloff: Box<dyn Fn(f64) -> f64> = match self {
             Self::Plateau => {
-                let whole = || vec![1.0; free.len()];
-                return Ok(depths.map_or_else(whole, |depths| {
-                    depths.iter().map(|depth| depth.clamp(0.0, 1.0)).collect()
-                }));
+                return Ok(match depths {
+                    Some(depths) => depths.iter().map(|depth| depth.clamp(0.0, 1.0)).collect(),
+                    None => vec![1.0; free.len()],
+                });
             }
             Self::Picture => {
                 let picture = picture.ok_or_else(|| Error::new(NO_PICTURE))?;
@@ -139,10 +139,15 @@ fn inwardness(
         (0..free.len()).filter(|&at| border(at, columns, rows)).for_each(|at| free[at] = 0);
     }
     let mut heights = vec![0.0; free.len()];
-    let distance = |cell: usize, fixed: usize| {
-        depths.map_or(1.0, |depths| border_distance(depths[cell], depths[fixed]))
-    };
-    laplace::solve_to_border(columns, rows, &free, 1.0, distance, &mut heights, progress)?;
+    laplace::solve_to_border(
+        columns,
+        rows,
+        &free,
+        1.0,
+        |cell, fixed| depths.map_or(1.0, |depths| border_distance(depths[cell], depths[fixed])),
+        &mut heights,
+        progress,
+    )?;
     let highest = heights.iter().copied().fold(0.0, f64::max);
     if highest == 0.0 {
         return Ok(heights);

@@ -18,10 +18,16 @@ const STEP: f64 = 6.0;
 
 /// Distance from the rim at which the heights count entirely, in points of the net. At the rim they do not count, so that the lip that
 /// remains there follows the rim and not the cells.
-const RAMP: f64 = 2.25;
+const RAMP: f64 = 1.75;
 
-/// Number of points along the border from a step in depth to the part of the border where the ramp is complete.
+/// Number of points around a step in depth without a ramp; after as many more, the ramp is complete.
 const STEP_REACH: usize = 3;
+
+/// Minimum ratio of what stands out to what stands back. Other parts are uneven, or surrounded by an uneven surface.
+const MIN_RATIO: f64 = 4.0;
+
+/// Minimum fraction of the points around a part through which the membrane passes. Where less is known, its level is a guess.
+const MIN_ANCHORED: f64 = 0.5;
 
 /// Minimum height of a part that stands out, in median edges. Lower ones are bumps of a flat part.
 const MIN_HEIGHT: f64 = 2.0;
@@ -91,17 +97,33 @@ impl Part<'_> {
         let surroundings = self.surroundings();
         let mut membrane = vec![f64::NAN; inside.len()];
         let mut free = inside.to_vec();
+        let mut anchors = 0;
         for reached in &surroundings {
             if reached.is_interpolated {
                 free[reached.point] = 1;
             } else if self.length(reached.from, reached.point) <= MAX_EDGE * edge {
                 membrane[reached.point] = levels[reached.point];
+                anchors += 1;
             }
+        }
+        let ends = surroundings
+            .iter()
+            .filter(|reached| !reached.is_interpolated || self.is_on_border(reached.point));
+        if (anchors as f64) < MIN_ANCHORED * ends.count() as f64 {
+            return Ok(None);
         }
         laplace::solve(net.columns(), net.rows(), &free, 0.0, &mut membrane, progress)?;
         let mut heights: Vec<f64> = (0..inside.len())
-            .map(|at| if inside[at] == 1 { (membrane[at] - levels[at]).max(0.0) } else { 0.0 })
+            .map(|at| if inside[at] == 1 { membrane[at] - levels[at] } else { 0.0 })
             .collect();
+        let [out, back] = [1.0, -1.0].map(|sign| {
+            let part = heights.iter().map(|height| (sign * height).max(0.0));
+            part.sum::<f64>()
+        });
+        if out < MIN_RATIO * back {
+            return Ok(None);
+        }
+        heights.iter_mut().for_each(|height| *height = height.max(0.0));
         let highest = heights.iter().copied().fold(0.0, f64::max);
         heights
             .iter_mut()
@@ -137,10 +159,10 @@ impl Part<'_> {
                 false => self.length(reached.from, reached.point) > STEP * edge,
             };
             if ends {
-                at_step[reached.from] = 1.0;
+                at_step[reached.from] = 2.0;
             }
         }
-        for _ in 0..STEP_REACH {
+        for _ in 0..2 * STEP_REACH {
             let before = at_step.clone();
             for [a, b] in self.edges() {
                 at_step[a] = at_step[a].max(before[b] - 1.0 / STEP_REACH as f64);
@@ -149,7 +171,7 @@ impl Part<'_> {
         }
         let ramp = distances.iter().zip(at_step).map(|(distance, at_step): (&f64, f64)| {
             let x = (distance / RAMP).clamp(0.0, 1.0);
-            f64::max(x * x * (3.0 - 2.0 * x), at_step)
+            f64::max(x * x * (3.0 - 2.0 * x), at_step.min(1.0))
         });
         ramp.collect()
     }

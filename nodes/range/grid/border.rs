@@ -25,9 +25,12 @@ pub(crate) struct Border {
 /// to fair surface design" (1995). Waves shorter than about eight cells are removed, longer ones stay.
 const FACTORS: [f64; 2] = [0.5, -0.53];
 
-/// Maximum distance of the vertices of a border from a parabola that straightens them, in cells (in places and positions together). The filter
-/// leaves steps of about a third of a cell.
-const STRAIGHT: f64 = 0.7;
+/// Maximum distance of the vertices of a border from a parabola that straightens them, in cells. The filter leaves steps of about a third of
+/// a cell.
+const STRAIGHT: f64 = 0.6;
+
+/// The tolerance of positions, in that of places.
+const DEPTH: f64 = 3.0;
 
 /// The number of faces that one task processes.
 const BLOCK: usize = 8192;
@@ -133,10 +136,11 @@ impl Border {
         for border in self.loops() {
             let places: Vec<[f64; 2]> = border.iter().map(|&k| vertices[k].1.into()).collect();
             let line = ClosedLine::new(&places);
-            // Positions are measured in cells, too, by the mean size of a cell along the border.
-            let positions = || border.iter().map(|&k| vertices[k].0);
-            let sides = positions().zip(positions().cycle().skip(1));
-            let size = sides.map(|(a, b)| (b - a).norm()).sum::<f64>() / line.length();
+            // Positions are measured in cells, too, by the mean size of a cell along the border, with a higher tolerance: where the sensor
+            // sees a surface at a grazing angle, a step of one cell along its edge is a step of several cells in depth.
+            let positions = border.iter().map(|&k| vertices[k].0);
+            let sides = positions.clone().zip(positions.cycle().skip(1));
+            let size = sides.map(|(a, b)| (b - a).norm()).sum::<f64>() / line.length() * DEPTH;
             let all: Vec<[f64; 5]> = border
                 .iter()
                 .map(|&k| {
