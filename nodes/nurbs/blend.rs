@@ -18,11 +18,13 @@ use serde::{Deserialize, Serialize};
 use super::blend_mode::BlendMode;
 use super::grid::canvas::Canvas;
 use super::grid::continuity::measure_gaps;
+use super::grid::filled_beside::{is_border_moved, move_filled_cells};
 use super::grid::fold::folded_cells;
 use super::grid::refine::{refine, refined_range};
 use super::grid::seam::{Seam, seam};
 
-/// Writes a surface to the range grid that it was made from. Only cells of the region change; all others keep every bit.
+/// Writes a surface to the range grid that it was made from. Only cells of the region change; all others keep every bit. Exceptions are
+/// filled cells beside a region whose border sinks (`OffsetNet`): they sink with it, so that they still lead to the scan.
 ///
 /// The region stays connected to its surroundings, however steep the surface becomes, also where the sensor saw past the region's edge.
 /// Shadows at the border of the region, which would leave a gap, are filled.
@@ -75,7 +77,7 @@ impl Node for Blend {
     }
 
     /// If only the surface has changed, updates only the region's cells in the last result. The cells outside of the region do not depend
-    /// on the surface.
+    /// on the surface, unless the border of the region moves.
     fn update(
         &self,
         cx: &Context<'_>,
@@ -87,6 +89,9 @@ impl Node for Blend {
         };
         let (range, region, surface) =
             (cx.get(&self.range), cx.get(&self.region), cx.get(&self.surface));
+        if [surface, previous.get(&self.surface)].into_iter().any(is_border_moved) {
+            return Ok(None);
+        }
         let blended = follow(range, region, surface, self.mode, made)?;
         blended.warn(cx);
         Ok(Some((blended.range,)))
@@ -170,19 +175,25 @@ pub fn blend(
         (same, own)
     };
     let seamed = (mode != BlendMode::Displacement && !divided).then_some(region);
-    let WrittenCells { points, folded, seam } =
+    let WrittenCells { mut points, folded, seam } =
         write_cells(&canvas, surface, mode, range.camera(), seamed)?;
     let cells = 0..range.points().len();
     let mut filled: Vec<_> = cells.map(|cell| u8::from(range.is_filled(cell))).collect();
     let new = region.cells().iter().zip(region.filled_cells());
     let new = new.filter(|&(&cell, &flag)| flag == 1 || range.point(cell as usize).is_none());
     new.map(|(cell, _)| cell).chain(&beside).for_each(|&cell| filled[cell as usize] = 1);
-    let range = if divided {
-        let filled = (0..points.len())
+    if divided {
+        filled = (0..points.len())
             .map(|cell| {
                 filled[cell / canvas.width / down * range.width() + cell % canvas.width / right]
             })
             .collect();
+    }
+    if is_border_moved(surface) {
+        let filled: Vec<bool> = filled.iter().map(|&filled| filled == 1).collect();
+        move_filled_cells(&own.inside, &filled, &canvas.points, &mut points, progress)?;
+    }
+    let range = if divided {
         refined_range(range, resample, points, filled)?
     } else {
         range.with_points(points)?.with_filled(filled)?

@@ -7,6 +7,7 @@ use maquette_value::{RangeImage, Region};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::grid::rim_distance::{Rectangle, rim_distances};
 use super::grid::window::{GridWindow, place_region};
 use super::net::parameterized::parameterize;
 use super::net::{harmonic, polar, rows};
@@ -167,7 +168,7 @@ pub fn control_net(
 const PADDING: usize = 3;
 
 /// Makes a net of the range grid's points in the padded bounding rectangle of the region. A point is free if its cell and the four
-/// neighbors of the cell are in the region.
+/// neighbors of the cell are in the region. Each point has its distance from the rim of the region, if the region has a rim.
 fn grid(
     region: &Region,
     range: &RangeImage,
@@ -183,14 +184,20 @@ fn grid(
     }
     let coordinates = region.cells().iter().map(|&cell| window.place(cell).map(|at| at as f64));
     let (cells, coordinates) = (region.cells().to_vec(), coordinates.collect());
-    parameterize(
+    let rectangle = Rectangle { low: [window.left, window.top], size: [columns, rows] };
+    let net = parameterize(
         range,
         [rows, columns],
         window.points,
         |row: usize, column: usize| !free(row * columns + column, columns, rows, &window.inside),
         cells,
         coordinates,
-    )
+    )?;
+    let net = net.with_interpolated(window.interpolated)?;
+    Ok(match rim_distances(region, rectangle) {
+        Some(distances) => net.with_rim_distances(distances)?,
+        None => net,
+    })
 }
 
 #[cfg(test)]

@@ -8,3 +8,4 @@ pub(super) mod profile;
 pub(super) mod rays;
 pub(super) mod round;
 pub(super) mod rows;
+pub(super) mod sink;

@@ -7,11 +7,17 @@ use nalgebra::{Matrix3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::grid::rim_distance::{Rectangle, rim_distances};
 use super::grid::within::points_in_region;
 use super::net::profile::{NO_PICTURE, Profile};
+use super::net::sink::Part;
 
 /// Moves the free points of a control net in one or several steps, each in the direction of the previous one, rotated by an angle. Fixed
 /// points stay.
+///
+/// A part that stands out and sinks, such as a nose pushed into the face, becomes flat first: each point moves at least in proportion to
+/// its height over the surroundings, also those on the border of the region. So no crest remains along the border. The profiles `Plateau`
+/// and `Picture` are exceptions.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct OffsetNet {
     /// The net.
@@ -69,8 +75,8 @@ impl Node for OffsetNet {
     }
 }
 
-/// Returns the net with its free points (those in `region`, if given) moved by the sum of all steps, times the profile. A point that is
-/// moved by 0 keeps its bits. The first direction is `normal`, or the mean normal of the net's base.
+/// Returns the net with its free points (those in `region`, if given) moved by the sum of all steps, times the profile. Points of a part that
+/// stands out and sinks move at least in proportion to their height. A point that is moved by 0 keeps its bits. The first direction is `normal`, or the mean normal of the net's base.
 ///
 /// # Errors
 /// Returns an error if a step has no rotation axis, the direction or the profile cannot be computed, or the region does not fit the net.
@@ -83,24 +89,82 @@ pub fn offset_net(
     profile: Profile,
     progress: &Progress<'_>,
 ) -> Result<value::ControlNet, Error> {
-    let mut free: Vec<u8> = net.fixed_points().iter().map(|&fixed| u8::from(fixed == 0)).collect();
-    if let Some(region) = region {
-        free.iter_mut()
-            .zip(points_in_region(net, region)?)
-            .for_each(|(free, within)| *free &= within);
-    }
+    let within = match region {
+        Some(region) => points_in_region(net, region)?,
+        None => vec![1; net.points().len()],
+    };
+    let fixed = net.fixed_points().iter();
+    let free: Vec<u8> =
+        fixed.zip(&within).map(|(&fixed, within)| within & u8::from(fixed == 0)).collect();
+    let rim_distances = rim_distances_in(net, region);
+    let depths: Option<Vec<f64>> = rim_distances
+        .as_ref()
+        .map(|distances| distances.iter().map(|distance| distance - FIXED_DEPTH).collect());
     let normal = match normal {
         Some(normal) => normal,
         None => mean_normal(net).map_err(no_normal)?.vector(),
     };
     let offset = sum_of_steps(net, normal, steps)?;
-    let factors = profile.factors(net, &free, offset.norm(), picture, progress)?;
-    let moved = (net.points().iter().zip(factors).zip(free)).map(|((point, factor), free)| {
+    let distance = offset.norm();
+    let factors = profile.factors(net, &free, depths.as_deref(), distance, picture, progress)?;
+    let mut factors: Vec<f64> =
+        factors.iter().zip(&free).map(|(factor, &free)| factor * f64::from(free)).collect();
+    let sinks = mean_normal(net).is_ok_and(|normal| normal.vector().dot(&offset) < 0.0);
+    if let Some(direction) = Unit::try_new(offset, 0.0).filter(|_| sinks && profile.is_hill()) {
+        let inside = inside_points(net, &free, &within);
+        let part = Part { net, inside: &inside, rim_distances: rim_distances.as_deref() };
+        if let Some(relief) = part.relief(direction, progress)? {
+            for (at, factor) in factors.iter_mut().enumerate() {
+                *factor = relief.sink(at, *factor * distance, distance) / distance;
+            }
+        }
+    }
+    let moved = net.points().iter().zip(factors).map(|(point, factor)| {
         let offset = offset * factor;
         // Adding a zero offset would change a coordinate of -0 to 0.
-        if free == 0 || offset == Vector3::zeros() { *point } else { point + offset }
+        if offset == Vector3::zeros() { *point } else { point + offset }
     });
     Ok(net.clone().with_points(moved.collect::<Vec<_>>())?)
+}
+
+/// The fixed points of a region are on average this far inside of its rim, in cells.
+const FIXED_DEPTH: f64 = 0.5;
+
+/// Returns the distance of each point of the net from the rim of its region, or of `region`, the part to which the offset is restricted; in
+/// points of the net, positive inside. `None` if one has no rim.
+fn rim_distances_in(net: &value::ControlNet, region: Option<&Region>) -> Option<Vec<f64>> {
+    let mut distances = net.rim_distances()?.to_vec();
+    if let Some(region) = region {
+        let part = rim_distances(region, rectangle(net)?)?;
+        distances.iter_mut().zip(part).for_each(|(distance, part)| *distance = distance.min(part));
+    }
+    Some(distances)
+}
+
+/// Returns the rectangle of cells that are the points of a net; `None` if the net has no cells.
+fn rectangle(net: &value::ControlNet) -> Option<Rectangle> {
+    let chart = net.chart()?;
+    let (cell, [row, column]) = (*chart.cells.first()? as usize, chart.coordinates.first()?);
+    let low_of = |index: usize, at: f64| index.checked_sub(at as usize);
+    let low = [low_of(cell % chart.grid[0], *column)?, low_of(cell / chart.grid[0], *row)?];
+    Some(Rectangle { low, size: [net.columns(), net.rows()] })
+}
+
+/// Returns 1 for each point that may sink. If the points are cells, as those of a net with a rim are, these are the cells of the region, its
+/// border included; else they are the free points.
+fn inside_points(net: &value::ControlNet, free: &[u8], within: &[u8]) -> Vec<u8> {
+    let Some(chart) = net.chart().filter(|_| net.rim_distances().is_some()) else {
+        return free.to_vec();
+    };
+    let mut inside = vec![0; free.len()];
+    for &[row, column] in chart.coordinates.iter() {
+        if (0.0..net.rows() as f64).contains(&row) && (0.0..net.columns() as f64).contains(&column)
+        {
+            let at = row as usize * net.columns() + column as usize;
+            inside[at] = within[at];
+        }
+    }
+    inside
 }
 
 fn no_normal(error: DirectionError) -> Error {

@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 
 use super::grid::contour::contours;
 use super::grid::depth_steps::{DepthSteps, without_steps};
-use super::grid::footprint::covered_cells;
+use super::grid::footprint::{covered_cells, covered_fractions};
+use super::grid::rim::rims;
 use super::holes::range_holes::{fill_points, usable_cells, with_enclosed};
 
 /// Extracts a labelled part of a picture as a region of the range grid, ready to be redesigned.
@@ -17,6 +18,9 @@ use super::holes::range_holes::{fill_points, usable_cells, with_enclosed};
 /// A range cell belongs to the region if at least half of its footprint in the picture belongs to the part, or if the part surrounds the
 /// cell. Cells inside without a measured point are filled smoothly from those around them; cells without a point that are connected with
 /// the border of the grid are left out instead. If the region is not connected, its largest piece is taken.
+///
+/// The region also has a rim, a smooth outline between the cells: it follows the outline of the part, without the steps of cells and pixels,
+/// within half a cell. Corners stay.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ExtractRegion {
     /// Labelled picture.
@@ -154,7 +158,8 @@ fn extract(
         );
     }
     let number = choose(labels, pick)?;
-    let covered = covered_cells(labels, number, range);
+    let fractions = covered_fractions(labels, number, range);
+    let covered = covered_cells(range.width(), range.height(), &fractions);
     let cells = covered.count();
     if cells == 0 {
         let area = labels.statistics()[number as usize - 1].area;
@@ -179,7 +184,7 @@ fn extract(
     {
         return Err(no_point);
     }
-    Ok((finish(&pieces, largest, range, progress)?, steps))
+    Ok((finish(&pieces, largest, range, &fractions, progress)?, steps))
 }
 
 /// Returns the label of the part of the picture that `pick` chooses.
@@ -237,11 +242,13 @@ fn label_at(labels: &Labels, column: u32, row: u32) -> Result<u32, Error> {
     bail!("pixel ({column}, {row}) is background: the closest part is label {label} at {nearest:?}")
 }
 
-/// Creates a region from the cells labelled `number` in `pieces`, and computes points for its cells without one.
+/// Creates a region from the cells labelled `number` in `pieces`, and computes points for its cells without one. `fractions` is the covered
+/// fraction of each cell, from which the rims follow.
 fn finish(
     pieces: &Labels,
     number: u32,
     range: &RangeImage,
+    fractions: &[f64],
     progress: &Progress<'_>,
 ) -> Result<Region, Error> {
     let (width, height) = (pieces.width(), pieces.height());
@@ -261,8 +268,15 @@ fn finish(
         let component = &pieces.statistics()[number as usize - 1];
         fill_points([component.low, component.high], width, &cells, &mut points, progress)?;
     }
-    let contours = contours(width, height, &grid);
+    let mut contours = contours(width, height, &grid);
+    let rims = rims(width, height, &grid, fractions, pixel_width(range));
+    contours.iter_mut().zip(rims).for_each(|(contour, rim)| contour.rim = rim);
     Ok(Region::new(width, height, cells, points, filled, contours)?)
+}
+
+/// Returns the larger side of a pixel of the picture, in cells.
+fn pixel_width(range: &RangeImage) -> f64 {
+    range.registration().scale.iter().fold(0.0, |widest, scale| f64::max(widest, 1.0 / scale.abs()))
 }
 
 #[cfg(test)]

@@ -12,12 +12,15 @@ use serde::{Deserialize, Serialize};
 use super::grid::border::Border;
 use super::grid::grid_triangles::{GridTriangle, double_area, grid_triangles};
 use super::grid::joins::{GRAZING, JUMP, Joins};
+use super::grid::terraces::Terraces;
 
 /// Joins neighboring cells of a range image to a mesh of triangles that face the sensor, also if the grid is mirrored.
 ///
 /// Each vertex is a cell with its texture coordinate in the picture; vertices along borders are moved to smooth the steps of the grid.
 /// Where two parts of the mesh touch in a single cell, the cell gets a vertex for each, so that the mesh is manifold. Surfaces of a
 /// redesign or of filled cells are never cut.
+///
+/// Depths that a sensor measures in coarse steps give terraces; a warning states the steps and the `Denoise` that removes them.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Triangulate {
     /// Range image.
@@ -32,8 +35,8 @@ pub struct Triangulate {
     #[schemars(range(min = 0.0, max = 90.0), extend("unit" = "deg"))]
     #[serde(default = "default_grazing")]
     pub grazing: f64,
-    /// Number of times that borders are smoothed; 0 keeps the steps of the grid. No vertex moves by more than one cell, and none along the
-    /// border of the grid. Single triangles and pairs, which would shrink to a point, are left out.
+    /// Number of times that borders are smoothed; 0 keeps the steps of the grid. The steps of nearly straight borders are removed, however
+    /// long they are. No vertex moves by more than one cell, and none along the border of the grid. Single triangles and pairs, which would shrink to a point, are left out.
     #[schemars(range(max = 1000))]
     #[serde(default = "default_smooth_border")]
     pub smooth_border: u32,
@@ -77,6 +80,9 @@ impl Node for Triangulate {
             cx.warn(
                 "no triangle is left: increase `jump` or `grazing`, or check the range image for holes",
             );
+        }
+        if let Some(terraces) = Terraces::new(cx.get(&self.range)) {
+            cx.warn(terraces.warning());
         }
         Ok((mesh,))
     }

@@ -55,8 +55,8 @@ impl Content for Chart {
 ///   v
 /// ```
 ///
-/// Invariant, checked by [`ControlNet::new`] and the `with_` methods: points, weights, flags and base points have rows x columns entries.
-/// All numbers are finite, also in single precision, and no weight is negative.
+/// Invariant, checked by [`ControlNet::new`] and the `with_` methods: points, weights, flags, base points and distances from the rim have
+/// rows x columns entries. All numbers are finite, also in single precision, and no weight is negative.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControlNet {
     rows: usize,
@@ -66,6 +66,8 @@ pub struct ControlNet {
     weights: Column<f64>,
     fixed: Column<u8>,
     chart: Option<Chart>,
+    rim_distances: Option<Column<f64>>,
+    interpolated: Option<Column<u8>>,
     frame: Option<CaptureFrame>,
 }
 
@@ -88,6 +90,8 @@ impl ControlNet {
             fixed: vec![0; points.len()].into(),
             points,
             chart: None,
+            rim_distances: None,
+            interpolated: None,
             frame: None,
         };
         net.check_points(&net.points)?;
@@ -144,6 +148,30 @@ impl ControlNet {
     pub fn with_chart(mut self, chart: Chart) -> Self {
         self.chart = Some(chart);
         self
+    }
+
+    /// Sets the distance of each point from the rim of the net's region, measured in points of the net: positive inside of the region and
+    /// negative outside.
+    ///
+    /// # Errors
+    /// If the number of distances does not match the net, or one is not finite.
+    pub fn with_rim_distances(mut self, distances: Vec<f64>) -> Result<Self, ControlNetError> {
+        self.check_size(distances.len())?;
+        if let Some(index) = distances.iter().position(|&distance| !is_finite(distance)) {
+            return Err(not_finite(index / self.columns, index % self.columns));
+        }
+        self.rim_distances = Some(distances.into());
+        Ok(self)
+    }
+
+    /// Sets the flag of each point that completes the net where the scan has no point: 1 for an interpolated point.
+    ///
+    /// # Errors
+    /// If the number of flags does not match the net.
+    pub fn with_interpolated(mut self, flags: Vec<u8>) -> Result<Self, ControlNetError> {
+        self.check_size(flags.len())?;
+        self.interpolated = Some(flags.into());
+        Ok(self)
     }
 
     /// Sets or removes the capture frame.
@@ -204,6 +232,16 @@ impl ControlNet {
     /// The chart: the positions of a range grid's cells on the net. `None` if the net did not come from a region.
     pub fn chart(&self) -> Option<&Chart> {
         self.chart.as_ref()
+    }
+
+    /// The distance of each point from the rim of the net's region, in points of the net; positive inside. `None` if it is unknown.
+    pub fn rim_distances(&self) -> Option<&[f64]> {
+        self.rim_distances.as_deref()
+    }
+
+    /// A flag per point, row by row: 1 if the point was interpolated where the scan has none. `None` if it is unknown.
+    pub fn interpolated_points(&self) -> Option<&[u8]> {
+        self.interpolated.as_deref()
     }
 
     /// The frame of the capture that the net came from, if any. With a frame the net has the axes of the sensor; without a frame y points

@@ -13,13 +13,16 @@ mod value;
 pub struct RegionError(String);
 
 /// A closed chain of cells along the border of a region. Consecutive cells are neighbors, possibly diagonal ones.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Contour {
     /// True if the contour surrounds a hole of the region. False if it surrounds the region.
     pub hole: bool,
     /// The indices of the contour's cells, which belong to the region. With x to the right and y *up*, the outer contour runs
     /// counter-clockwise and the contours of holes run clockwise.
     pub cells: Vec<u32>,
+    /// The outline of the region along this contour, finer than the cells: a closed line through (column, row) positions, where the centers
+    /// of cells are at integers. It runs in the direction of `cells`. Empty if only the cells are known.
+    pub rim: Vec<[f64; 2]>,
 }
 
 /// A part of a range grid, with the points of its cells.

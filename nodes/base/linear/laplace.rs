@@ -33,8 +33,31 @@ pub fn solve(
     values: &mut [f64],
     progress: &Progress<'_>,
 ) -> Result<(), Error> {
+    solve_to_border(width, height, free, load, |_, _| 1.0, values, progress)
+}
+
+/// Solves the equation of [`solve`] for a border that is not at the known cells: `distance`, called with a free cell and a known neighbor,
+/// returns how far from the free cell the neighbor's value is reached, in cells; greater than 0.
+///
+/// The discretization is that of Gibou, Fedkiw, Cheng and Kang, "A second-order-accurate symmetric discretization of the Poisson equation
+/// on irregular domains" (2002).
+///
+/// # Errors
+/// As for [`solve`].
+///
+/// # Panics
+/// As for [`solve`].
+pub fn solve_to_border(
+    width: usize,
+    height: usize,
+    free: &[u8],
+    load: f64,
+    distance: impl Fn(usize, usize) -> f64,
+    values: &mut [f64],
+    progress: &Progress<'_>,
+) -> Result<(), Error> {
     assert_eq!([free.len(), values.len()], [width * height; 2], "one entry per cell");
-    let system = System::new(width, height, free, load, values);
+    let system = System::new(width, height, free, load, distance, values);
     let coarser =
         if system.cells.len() < MIN_MULTIGRID_UNKNOWNS { None } else { system.coarser(width) };
     let solution = match coarser {
@@ -61,7 +84,14 @@ struct System {
 }
 
 impl System {
-    fn new(width: usize, height: usize, free: &[u8], load: f64, values: &[f64]) -> Self {
+    fn new(
+        width: usize,
+        height: usize,
+        free: &[u8],
+        load: f64,
+        distance: impl Fn(usize, usize) -> f64,
+        values: &[f64],
+    ) -> Self {
         fn grid_neighbors(cell: usize, width: usize, height: usize) -> [Option<usize>; 4] {
             let (row, column) = (cell / width, cell % width);
             [
@@ -97,9 +127,10 @@ impl System {
             let (mut diagonal, mut right) = (0.0, load);
             for next in grid_neighbors(cell, width, height).into_iter().flatten() {
                 if known(next) {
-                    right += values[next];
-                }
-                if known(next) || unknown[next] != NONE {
+                    let weight = 1.0 / distance(cell, next);
+                    right += values[next] * weight;
+                    diagonal += weight;
+                } else if unknown[next] != NONE {
                     diagonal += 1.0;
                 }
             }
@@ -203,6 +234,16 @@ mod tests {
     }
 
     #[test]
+    fn a_border_between_cells_counts_where_it_is() {
+        let mut values = vec![1.0, 0.0, 0.0, 0.0, 5.0];
+        let distance = |_: usize, known: usize| if known == 0 { 0.5 } else { 1.5 };
+        let free = [0, 1, 1, 1, 0];
+        solve_to_border(5, 1, &free, 0.0, distance, &mut values, &Progress::silent()).unwrap();
+        let expected = [1.0, 1.5, 2.5, 3.5, 5.0];
+        assert!(values.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-11), "{values:?}");
+    }
+
+    #[test]
     fn coarser_grids_change_only_the_number_of_steps() {
         // The free cells form a disk. The disk contains a known cell and a cell that has no value.
         let (width, height) = (73, 70);
@@ -216,7 +257,7 @@ mod tests {
         for (cell, value) in [(width * 30 + 30, 7.0), (width * 40 + 20, f64::NAN)] {
             (free[cell], values[cell]) = (0, value);
         }
-        let system = System::new(width, height, &free, 1.0, &values);
+        let system = System::new(width, height, &free, 1.0, |_, _| 1.0, &values);
         let coarser = system.coarser(width).unwrap();
         let steps = [Cell::new(0), Cell::new(0)];
         fn count_step(which: usize, steps: &[Cell<i32>; 2]) {

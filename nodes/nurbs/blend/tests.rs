@@ -378,3 +378,52 @@ fn a_shadow_beside_the_region_is_filled_and_one_elsewhere_is_not() {
         );
     }
 }
+
+/// Returns a region of the cells in a disk, with a circle as its rim.
+fn disk_with_rim(range: &RangeImage, middle: [f64; 2], radius: f64) -> Region {
+    let cells =
+        region(range, |x, y| libm::hypot(x as f64 - middle[0], y as f64 - middle[1]) <= radius);
+    let angles = (0..120).map(|k| f64::from(k) * std::f64::consts::TAU / 120.0);
+    let rim = angles.map(|angle| {
+        let (sin, cos) = libm::sincos(angle);
+        [middle[0] + radius * cos, middle[1] - radius * sin]
+    });
+    let contour = value::Contour { hole: false, cells: vec![cells.cells()[0]], rim: rim.collect() };
+    let (points, flags) = (cells.points().to_vec(), cells.filled_cells().to_vec());
+    Region::new(range.width(), range.height(), cells.cells().to_vec(), points, flags, vec![contour])
+        .unwrap()
+}
+
+/// Returns a bump of the given radius and height on a plane, as a sensor sees it.
+fn bump(middle: [f64; 2], radius: f64, height: f64) -> RangeImage {
+    range(44, 44, |x, y| {
+        let r = libm::hypot(x - middle[0], y - middle[1]) / radius;
+        700.0 - height * (1.0 - r * r).max(0.0).sqrt()
+    })
+}
+
+#[test]
+fn a_bump_that_sinks_leaves_no_crest() {
+    // Bumps at twelve positions between the cells, with several radii and heights.
+    for k in 0..12 {
+        let fraction = |step: f64| (f64::from(k) * step).fract();
+        let middle = [21.0 + fraction(0.618), 21.0 + fraction(0.414)];
+        let (radius, height) = (8.0 + 6.0 * fraction(0.3), 4.0 + 5.0 * fraction(0.7));
+        let range = bump(middle, radius, height);
+        let region = disk_with_rim(&range, middle, radius);
+        let net = control_net(&region, &range, NetMethod::Grid, 0, 0, &Progress::silent()).unwrap();
+        let sensor = Unit::new_unchecked(-Vector3::z());
+        let steps = [OffsetStep { distance: -1.5 * height, angle: 0.0, axis: [0.0; 3] }];
+        let progress = Progress::silent();
+        let net = offset_net(&net, Some(sensor), None, None, &steps, Profile::Round, &progress);
+        let surface = nurbs(&net.unwrap(), None, None, None).unwrap();
+        let sunk = blend(&range, &region, &surface, BlendMode::Displacement, [1, 1], &progress)
+            .unwrap()
+            .range;
+        let heights = sunk.points().iter().map(|point| 700.0 - point.z);
+        let crest = heights.clone().fold(0.0, f64::max);
+        let lowest = heights.fold(0.0, f64::min);
+        assert!(crest <= 0.3 * height, "{k}: a crest of {crest} on a bump of {height}");
+        assert!((lowest + 0.5 * height).abs() <= 0.15 * height, "{k}: {lowest} of {height}");
+    }
+}

@@ -23,6 +23,8 @@ pub(crate) struct GridWindow {
     pub(crate) points: Vec<Point3<f64>>,
     /// 1 for each cell of the region, row by row.
     pub(crate) inside: Vec<u8>,
+    /// 1 for each cell whose point is interpolated, row by row.
+    pub(crate) interpolated: Vec<u8>,
 }
 
 impl GridWindow {
@@ -43,7 +45,9 @@ impl GridWindow {
             .flat_map(|row| &range.points()[row * width + left..=row * width + right])
             .copied()
             .collect();
-        Self { left, top, width, rows, columns, points, inside: Vec::new() }.fill(region, progress)
+        let (inside, interpolated) = (Vec::new(), Vec::new());
+        Self { left, top, width, rows, columns, points, inside, interpolated }
+            .fill(region, progress)
     }
 
     /// Returns the bounding rectangle of a region. The points outside of the region are extrapolated from the region and not taken from the
@@ -54,7 +58,9 @@ impl GridWindow {
         let ([left, top], width) = (low, region.width());
         let (rows, columns) = (high[1] - top + 1, high[0] - left + 1);
         let points = vec![Point3::new(f64::NAN, f64::NAN, f64::NAN); rows * columns];
-        Self { left, top, width, rows, columns, points, inside: Vec::new() }.fill(region, progress)
+        let (inside, interpolated) = (Vec::new(), Vec::new());
+        Self { left, top, width, rows, columns, points, inside, interpolated }
+            .fill(region, progress)
     }
 
     /// Returns the window with the points of the region in its cells, and with interpolated points in cells without a point.
@@ -66,6 +72,8 @@ impl GridWindow {
             window.points[row * columns + column] = point;
             window.inside[row * columns + column] = 1;
         }
+        window.interpolated =
+            window.points.iter().map(|point| u8::from(point.x.is_nan())).collect();
         fill(&mut window.points, rows, columns, progress)?;
         Ok(window)
     }

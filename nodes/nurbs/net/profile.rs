@@ -19,7 +19,8 @@ pub enum Profile {
     Round,
     /// A smooth hill: `(1 - cos(pi d)) / 2`. A higher one is more pointed.
     Cosine,
-    /// All free points move by the whole offset, which makes a cliff at the border.
+    /// All free points move by the whole offset, which makes a cliff at the border. Points within a cell of it move by a fraction, so that
+    /// the cliff follows the outline and not the cells.
     Plateau,
     /// `d` to the power of this number: 1 is about a cone, below 1 blunt, above 1 pointed.
     Power(#[schemars(range(min = 0.0, max = 100.0))] f64),
@@ -33,18 +34,30 @@ pub enum Profile {
 pub(crate) const NO_PICTURE: &str = "the profile `Picture` needs a field at the port `picture`";
 
 impl Profile {
+    /// Returns true if the profile rises from the border to the innermost point.
+    pub(crate) fn is_hill(self) -> bool {
+        !matches!(self, Self::Plateau | Self::Picture)
+    }
+
     /// Returns the factor of the offset, whose length is `distance`, for each point of a net, row by row. `free` is 1 for each point that
-    /// moves, 0 for a fixed point.
+    /// moves, 0 for a fixed point. `depths` is the distance of each point from the line at which the factor is 0, in points of the net; if
+    /// it is unknown, the line passes through the fixed points.
     pub(crate) fn factors(
         self,
         net: &value::ControlNet,
         free: &[u8],
+        depths: Option<&[f64]>,
         distance: f64,
         picture: Option<&Field>,
         progress: &Progress<'_>,
     ) -> Result<Vec<f64>, Error> {
         let falloff: Box<dyn Fn(f64) -> f64> = match self {
-            Self::Plateau => return Ok(vec![1.0; free.len()]),
+            Self::Plateau => {
+                return Ok(match depths {
+                    Some(depths) => depths.iter().map(|depth| depth.clamp(0.0, 1.0)).collect(),
+                    None => vec![1.0; free.len()],
+                });
+            }
             Self::Picture => {
                 let picture = picture.ok_or_else(|| Error::new(NO_PICTURE))?;
                 return gray(picture, net.rows(), net.columns()).ok_or_else(|| {
@@ -67,7 +80,7 @@ impl Profile {
                 bail!("the profile's number is {number}; it must be more than 0")
             }
         };
-        let inwardness = inwardness(net.rows(), net.columns(), free, progress)?;
+        let inwardness = inwardness(net.rows(), net.columns(), free, depths, progress)?;
         let mut factors: Vec<f64> = inwardness.into_iter().map(falloff).collect();
         if matches!(self, Self::Round | Self::Cosine | Self::Gaussian(_)) {
             blunt(net, free, &mut factors);
@@ -108,12 +121,13 @@ fn radius(net: &value::ControlNet, free: &[u8]) -> f64 {
 /// Returns the `d` of `Profile` for each point: 0 at fixed points, 1 at the innermost free point. If no point is fixed, the net's border
 /// counts as fixed.
 ///
-/// `d = 1 - sqrt(1 - h / max h)`, where `h` solves `Laplace h = -1` at the free points of the index grid and is 0 at the others. On a disk,
-/// `d` is exactly the distance from the border; on other shapes it lacks the ridges of that distance.
+/// `d = 1 - sqrt(1 - h / max h)`, where `h` solves `Laplace h = -1` at the free points of the index grid and is 0 at the others, or where
+/// `depths` is 0. On a disk, `d` is exactly the distance from the border; on other shapes it lacks the ridges of that distance.
 fn inwardness(
     rows: usize,
     columns: usize,
     free: &[u8],
+    depths: Option<&[f64]>,
     progress: &Progress<'_>,
 ) -> Result<Vec<f64>, Error> {
     fn border(at: usize, columns: usize, rows: usize) -> bool {
@@ -125,7 +139,15 @@ fn inwardness(
         (0..free.len()).filter(|&at| border(at, columns, rows)).for_each(|at| free[at] = 0);
     }
     let mut heights = vec![0.0; free.len()];
-    laplace::solve(columns, rows, &free, 1.0, &mut heights, progress)?;
+    laplace::solve_to_border(
+        columns,
+        rows,
+        &free,
+        1.0,
+        |cell, fixed| depths.map_or(1.0, |depths| border_distance(depths[cell], depths[fixed])),
+        &mut heights,
+        progress,
+    )?;
     let highest = heights.iter().copied().fold(0.0, f64::max);
     if highest == 0.0 {
         return Ok(heights);
@@ -135,6 +157,16 @@ fn inwardness(
         .into_iter()
         .map(|height: f64| 1.0 - (1.0 - (height / highest).clamp(0.0, 1.0)).sqrt())
         .collect())
+}
+
+/// The limits of the distance of a free point from the border, towards a fixed point, in points of the net.
+const BORDER_DISTANCES: [f64; 2] = [0.1, 2.0];
+
+/// Returns the distance from a free point of depth `free` to the place of depth 0, in the direction of the next point, which is fixed and
+/// has the depth `fixed`.
+fn border_distance(free: f64, fixed: f64) -> f64 {
+    let [min, max] = BORDER_DISTANCES;
+    if free > fixed { (free / (free - fixed)).clamp(min, max) } else { 1.0 }
 }
 
 /// Stretches a field over a net: its corners are at the net's corners, and values between its pixels are interpolated bilinearly. The
@@ -191,7 +223,7 @@ mod tests {
         }
         let free: Vec<u8> = (0..43 * 43).map(|at| u8::from(from_center(at) < radius)).collect();
         let cone = Profile::Power(1.0)
-            .factors(&net(43, 43), &free, 1.0, None, &Progress::silent())
+            .factors(&net(43, 43), &free, None, 1.0, None, &Progress::silent())
             .unwrap();
         for (at, d) in cone.iter().enumerate() {
             let exact = (1.0 - from_center(at) / radius).max(0.0);
@@ -200,11 +232,31 @@ mod tests {
     }
 
     #[test]
+    fn a_border_between_points_gives_a_profile_without_steps() {
+        let radius = 9.3;
+        fn from_center(at: usize) -> f64 {
+            let (x, y) = ((at % 25) as f64 - 12.2, (at / 25) as f64 - 11.9);
+            (x * x + y * y).sqrt()
+        }
+        let depths: Vec<f64> = (0..25 * 25).map(|at| radius - from_center(at)).collect();
+        let free: Vec<u8> = depths.iter().map(|&depth| u8::from(depth > 0.0)).collect();
+        let largest_error = |depths: Option<&[f64]>| {
+            let cone = Profile::Power(1.0)
+                .factors(&net(25, 25), &free, depths, 1.0, None, &Progress::silent())
+                .unwrap();
+            let exact = (0..625).map(|at| (1.0 - from_center(at) / radius).max(0.0));
+            cone.iter().zip(exact).map(|(d, exact)| (d - exact).abs()).fold(0.0, f64::max)
+        };
+        let (fine, coarse) = (largest_error(Some(&depths)), largest_error(None));
+        assert!(fine <= 0.03 && coarse >= 0.05, "{fine} {coarse}");
+    }
+
+    #[test]
     fn profiles_rise_from_the_border_to_one() {
         let mut free = vec![0; 25];
         [6, 7, 8, 11, 12, 13, 16, 17, 18].into_iter().for_each(|at| free[at] = 1);
         fn factors(profile: Profile, free: &[u8]) -> Vec<f64> {
-            profile.factors(&net(5, 5), free, 1.0, None, &Progress::silent()).unwrap()
+            profile.factors(&net(5, 5), free, None, 1.0, None, &Progress::silent()).unwrap()
         }
         for profile in [Profile::Cosine, Profile::Power(2.0)] {
             let factors = factors(profile, &free);
@@ -216,11 +268,15 @@ mod tests {
         assert_eq!(factors(Profile::Plateau, &free), [1.0; 25]);
         // Without a fixed point, the border of the net is the border of the profile.
         assert_eq!(
-            Profile::Cosine.factors(&net(5, 5), &[1; 25], 1.0, None, &Progress::silent()).unwrap(),
+            Profile::Cosine
+                .factors(&net(5, 5), &[1; 25], None, 1.0, None, &Progress::silent())
+                .unwrap(),
             factors(Profile::Cosine, &free)
         );
         assert_eq!(
-            Profile::Cosine.factors(&net(2, 2), &[1; 4], 1.0, None, &Progress::silent()).unwrap(),
+            Profile::Cosine
+                .factors(&net(2, 2), &[1; 4], None, 1.0, None, &Progress::silent())
+                .unwrap(),
             [0.0; 4]
         );
     }
@@ -237,7 +293,7 @@ mod tests {
         .unwrap();
         let free: Vec<u8> = (0..30).map(|at| u8::from(at < 24)).collect();
         let factors = |profile: Profile| {
-            profile.factors(&net, &free, 1.0, None, &Progress::silent()).unwrap()
+            profile.factors(&net, &free, None, 1.0, None, &Progress::silent()).unwrap()
         };
         for profile in [Profile::Cosine, Profile::Gaussian(0.5)] {
             let factors = factors(profile);
@@ -259,6 +315,7 @@ mod tests {
             Profile::Picture.factors(
                 &net(rows, columns),
                 &vec![1; rows * columns],
+                None,
                 1.0,
                 Some(&picture),
                 &Progress::silent(),
@@ -271,14 +328,16 @@ mod tests {
         let error = stretch_over(vec![f32::NAN], 1, 1, 1).unwrap_err();
         let empty_picture = "the field at the port `picture` has no finite number";
         assert_eq!(error.to_string(), empty_picture);
-        let error = Profile::Picture.factors(&net(1, 1), &[1], 1.0, None, &Progress::silent());
+        let error =
+            Profile::Picture.factors(&net(1, 1), &[1], None, 1.0, None, &Progress::silent());
         assert_eq!(error.unwrap_err().to_string(), NO_PICTURE);
     }
 
     #[test]
     fn numbers_out_of_range_are_refused() {
         for profile in [Profile::Power(-1.0), Profile::Power(f64::NAN), Profile::Gaussian(0.0)] {
-            let refused = profile.factors(&net(3, 3), &[1; 9], 1.0, None, &Progress::silent());
+            let refused =
+                profile.factors(&net(3, 3), &[1; 9], None, 1.0, None, &Progress::silent());
             let refused = refused.unwrap_err().to_string();
             assert!(refused.starts_with("the profile's number is"), "{profile:?}: {refused}");
         }

@@ -1,5 +1,8 @@
 //! Smooths the borders of a mesh made from a range grid, to remove the steps of the grid.
 //!
+//! A filter removes short waves. The long steps of a border that is nearly parallel to the rows or columns remain; parabolas remove them
+//! ([`super::closed_line`]).
+//!
 //! Smoothing keeps only long waves, so a short border would shrink to a point; therefore vertices move less where a face would lose its
 //! area. A component of one or two triangles would shrink as a whole, and is left out of the mesh: it is not visible, and makes a solid
 //! unprintable.
@@ -7,6 +10,7 @@
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector2, Vector3};
 
+use super::closed_line::ClosedLine;
 use super::grid_triangles::double_area;
 
 /// The vertices along the borders of a mesh made from a range grid.
@@ -20,6 +24,13 @@ pub(crate) struct Border {
 /// The factors, used alternately, by which a vertex moves towards the midpoint of its two neighbors: Taubin, "A signal processing approach
 /// to fair surface design" (1995). Waves shorter than about eight cells are removed, longer ones stay.
 const FACTORS: [f64; 2] = [0.5, -0.53];
+
+/// Maximum distance of the vertices of a border from a parabola that straightens them, in cells. The filter leaves steps of about a third of
+/// a cell.
+const STRAIGHT: f64 = 0.6;
+
+/// The tolerance of positions, in that of places.
+const DEPTH: f64 = 3.0;
 
 /// The number of faces that one task processes.
 const BLOCK: usize = 8192;
@@ -100,6 +111,10 @@ impl Border {
                 *now = *old;
             }
         }
+        self.straighten(&mut now);
+        for (now, old) in now.iter_mut().zip(&old).filter(|(_, old)| on_rim(&old.1, size)) {
+            *now = *old;
+        }
         let mut moves = now;
         for (now, old) in moves.iter_mut().zip(&old) {
             let length = (now.1 - old.1).norm().max(1.0);
@@ -114,6 +129,61 @@ impl Border {
             places[vertex as usize] = (old.1 + moved.1).into();
         }
         Vec::new()
+    }
+
+    /// Moves the vertices of each border, given by positions and places in the grid, to parabolas that fit it within half a cell.
+    fn straighten(&self, vertices: &mut [(Vector3<f64>, Vector2<f64>)]) {
+        for border in self.loops() {
+            let places: Vec<[f64; 2]> = border.iter().map(|&k| vertices[k].1.into()).collect();
+            let line = ClosedLine::new(&places);
+            // Positions are measured in cells, too, by the mean size of a cell along the border, with a higher tolerance: where the sensor
+            // sees a surface at a grazing angle, a step of one cell along its edge is a step of several cells in depth.
+            let positions = border.iter().map(|&k| vertices[k].0);
+            let sides = positions.clone().zip(positions.cycle().skip(1));
+            let size = sides.map(|(a, b)| (b - a).norm()).sum::<f64>() / line.length() * DEPTH;
+            let all: Vec<[f64; 5]> = border
+                .iter()
+                .map(|&k| {
+                    let (position, [column, row]) = (vertices[k].0 / size, vertices[k].1.into());
+                    [column, row, position.x, position.y, position.z]
+                })
+                .collect();
+            let points = (0..border.len()).into_par_iter().with_min_len(64);
+            let mut reaches: Vec<f64> =
+                points.map(|k: usize| line.reach(k, &all, STRAIGHT)).collect();
+            line.even_out(&mut reaches);
+            let points = (0..border.len()).into_par_iter().with_min_len(64);
+            let moved: Vec<Option<[f64; 5]>> = points
+                .map(|k: usize| {
+                    let parabola = line.fit(k, reaches[k], &all).filter(|_| reaches[k] > 0.0);
+                    parabola.map(|parabola| parabola.at(0.0))
+                })
+                .collect();
+            for (&k, moved) in border.iter().zip(moved) {
+                if let Some([column, row, x, y, z]) = moved {
+                    vertices[k] = (Vector3::new(x, y, z) * size, Vector2::new(column, row));
+                }
+            }
+        }
+    }
+
+    /// Returns the borders: the indices of the vertices of each, in order.
+    fn loops(&self) -> Vec<Vec<usize>> {
+        let mut visited = vec![false; self.vertices.len()];
+        let mut loops = Vec::new();
+        for start in 0..self.vertices.len() {
+            let mut border = Vec::new();
+            let mut k = start;
+            while !visited[k] {
+                visited[k] = true;
+                border.push(k);
+                k = self.neighbors[k][1] as usize;
+            }
+            if !border.is_empty() {
+                loops.push(border);
+            }
+        }
+        loops
     }
 
     /// Halves the motions of the vertices of faces that would lose their area, until none would. If there are specks (components of one or

@@ -14,7 +14,7 @@ const LEFT: usize = 4;
 /// Returns the borders of the cells whose entry is 1 in a `width` x `height` grid. The outer border comes first. The borders of holes
 /// follow in the order in which they are found row by row from the top. A hole is a group of cells with entry 0 that is connected by sides
 /// and does not reach the border of the grid. Seen with y up, the outer border is counter-clockwise and the others are clockwise. A cell
-/// can occur twice in a border where the part is one cell wide.
+/// can occur twice in a border where the part is one cell wide. The contours have no rims: those are made by [`super::rim`].
 ///
 /// The cells with entry 1 must be connected. Otherwise each component has an outer border, and not only the first border in the result is
 /// an outer one.
@@ -34,14 +34,18 @@ pub fn contours(width: usize, height: usize, inside: &[u8]) -> Vec<Contour> {
             let (left, right) = (borders.marks[cell - 1], borders.marks[cell + 1]);
             // Step 1 of the paper: find the next border.
             if borders.marks[cell] == 1 && left == 0 {
-                contours.push(Contour { hole: false, cells: borders.follow(cell, LEFT) });
+                contours.push(contour(false, borders.follow(cell, LEFT)));
             } else if borders.marks[cell] >= 1 && right == 0 {
-                contours.push(Contour { hole: true, cells: borders.follow(cell, RIGHT) });
+                contours.push(contour(true, borders.follow(cell, RIGHT)));
             }
         }
     }
     contours.sort_by_key(|contour| contour.hole);
     contours
+}
+
+fn contour(hole: bool, cells: Vec<u32>) -> Contour {
+    Contour { hole, cells, rim: Vec::new() }
 }
 
 /// The grid, surrounded by a frame of background cells.

@@ -15,11 +15,17 @@ struct Footprint {
 }
 
 /// Minimum fraction of a cell's footprint that must be covered: one half, minus a tolerance for rounding.
-const HALF: f64 = 0.5 - 1e-9;
+pub(super) const HALF: f64 = 0.5 - 1e-9;
 
-/// Returns the cells of which at least half of the footprint is covered by the label `number`. Cells beyond the picture are not covered.
-/// The labels must be those of the range image's picture.
-pub(crate) fn covered_cells(labels: &Labels, number: u32, range: &RangeImage) -> Mask {
+/// Returns the cells of which at least half of the footprint is covered, given the covered fraction of each.
+pub(crate) fn covered_cells(width: usize, height: usize, fractions: &[f64]) -> Mask {
+    let cells = fractions.iter().map(|&fraction| u8::from(fraction >= HALF)).collect();
+    Mask::new(width, height, cells).expect("one entry per cell")
+}
+
+/// Returns for each cell the fraction of the footprint that the label `number` covers. Cells beyond the picture are not covered. The labels
+/// must be those of the range image's picture.
+pub(crate) fn covered_fractions(labels: &Labels, number: u32, range: &RangeImage) -> Vec<f64> {
     let (width, height, map) = (range.width(), range.height(), range.registration());
     let [columns, rows] = [(0, width), (1, height)].map(|(axis, cells)| {
         let (scale, offset) = (map.scale[axis], map.offset[axis]);
@@ -28,15 +34,16 @@ pub(crate) fn covered_cells(labels: &Labels, number: u32, range: &RangeImage) ->
         footprints.collect::<Vec<_>>()
     });
     let part = Component::new(labels, number);
-    let mut cells = vec![0; width * height];
+    let mut cells = vec![0.0; width * height];
     let strips = cells.par_chunks_mut(width.max(1)).zip(&rows).with_min_len(16);
     strips.filter(|(_, row)| row.meets(part.low[1], part.high[1])).for_each(|(cells, row)| {
         for (cell, column) in cells.iter_mut().zip(&columns) {
             let overlaps = column.meets(part.low[0], part.high[0]);
-            *cell = u8::from(overlaps && covered_fraction(&part, column, row) >= HALF);
+            // Without an overlap, the fraction would be NaN.
+            *cell = if overlaps { covered_fraction(&part, column, row) } else { 0.0 };
         }
     });
-    Mask::new(width, height, cells).expect("one entry per cell")
+    cells
 }
 
 /// The pixels of a labelled part of the picture, within the part's bounding box.
@@ -110,7 +117,7 @@ mod tests {
         let map = Registration { scale: [scale; 2], offset: [offset; 2], picture };
         let points = vec![Point3::origin(); grid[0] * grid[1]];
         let range = RangeImage::new(grid[0], grid[1], points).unwrap().with_registration(map);
-        covered_cells(&labels, 1, &range).draw()
+        covered_cells(grid[0], grid[1], &covered_fractions(&labels, 1, &range)).draw()
     }
 
     #[test]

@@ -263,6 +263,8 @@ mod tests {
         let net = net.with_points(points(13)[1..].to_vec()).unwrap();
         let net = net.with_weights((0..12).map(f64::from).collect()).unwrap();
         let net = net.with_fixed((0..12).map(|k| k % 2).collect()).unwrap();
+        let net = net.with_interpolated((0..12).map(|k| k / 3 % 2).collect()).unwrap();
+        let net = net.with_rim_distances((0..12).map(|k| f64::from(k) - 5.5).collect()).unwrap();
         net.with_chart(chart).with_frame(Some(frame()))
     }
 
@@ -277,8 +279,8 @@ mod tests {
         let range = range.with_registration(Registration::corners([4, 3], [80, 60]));
         let range = range.with_world_from_camera(Some(Matrix4::identity()));
         let contours = vec![
-            Contour { hole: false, cells: vec![1, 2, 5] },
-            Contour { hole: true, cells: vec![2] },
+            Contour { hole: false, cells: vec![1, 2, 5], rim: vec![[0.4, -0.3], [2.4, 1.2]] },
+            Contour { hole: true, cells: vec![2], rim: Vec::new() },
         ];
         let cells = vec![1, 2, 5];
         let region = Region::new(3, 2, cells, points(3), vec![0, 1, 0], contours).unwrap();

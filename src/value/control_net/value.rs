@@ -12,10 +12,15 @@ use crate::{
 /// The name of the part that holds the size of the chart's grid. Tests ignore this part, because the fact `chart` contains the size too.
 const GRID: &str = "chart grid";
 
+/// The names of the parts with the distances from the region's rim, and with the flags of interpolated points. Tests ignore them, because the
+/// points that an offset moves contain their effect.
+const RIM_DISTANCES: &str = "rim distance";
+const INTERPOLATED: &str = "interpolated";
+
 impl Value for ControlNet {
     const NAME: &'static str = "ControlNet";
 
-    content_of_fields! { rows columns points base weights fixed chart frame }
+    content_of_fields! { rows columns points base weights fixed chart rim_distances interpolated frame }
 
     fn describe(&self) -> Summary {
         let moved = self.points.iter().zip(&*self.base).filter(|(point, base)| point != base);
@@ -46,6 +51,13 @@ impl Value for ControlNet {
             let grid = chart.grid.map(|size| size as f64).to_vec();
             parts.push_hidden(GRID, ElementKind::Whole, Meaning::Exact, 2, grid);
         }
+        if let Some(distances) = &self.rim_distances {
+            let distances = &distances[..];
+            parts.push_hidden(RIM_DISTANCES, ElementKind::Point, Meaning::Number, 1, distances);
+        }
+        if let Some(flags) = &self.interpolated {
+            parts.push_hidden(INTERPOLATED, ElementKind::Point, Meaning::Exact, 1, &flags[..]);
+        }
         parts
     }
 
@@ -71,6 +83,13 @@ impl Value for ControlNet {
         }
         if let Some(cells) = parts.column_of("chart cell", 1)? {
             net = net.with_chart(chart(parts, cells)?);
+        }
+        if let Some(distances) = parts.column_of(RIM_DISTANCES, 1)? {
+            let distances = distances.items.numbers().into_owned();
+            net = net.with_rim_distances(distances).map_err(PartsError::from_error)?;
+        }
+        if let Some(flags) = parts.column_of(INTERPOLATED, 1)? {
+            net = net.with_interpolated(flags.to_u8(1)?).map_err(PartsError::from_error)?;
         }
         Ok(net.with_frame(CaptureFrame::from_parts(parts)?))
     }

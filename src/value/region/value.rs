@@ -8,10 +8,14 @@ use crate::{
     Meaning, Mesh, Parts, PartsError, Picture, Summary, Value,
 };
 
-/// The names of two parts: the number of cells of each contour, and a flag that marks the contours of holes. Tests ignore both parts and
-/// compare the cells of the contours.
+/// The names of two parts: the number of cells of each contour, and a flag that marks the contours of holes. Tests ignore both parts, and
+/// those of the rims, and compare the cells of the contours.
 const LENGTHS: &str = "contour cells";
 const HOLES: &str = "contour of a hole";
+
+/// The names of two more parts: the points of the rims, and the number of them of each contour.
+const RIM: &str = "rim";
+const RIM_LENGTHS: &str = "rim points";
 
 impl Value for Region {
     const NAME: &'static str = "Region";
@@ -22,7 +26,9 @@ impl Value for Region {
             .column(&self.points)
             .column(&self.filled);
         for contour in &self.contours {
-            to.plain(&u8::from(contour.hole)).column(&Column::from(contour.cells.clone()));
+            to.plain(&u8::from(contour.hole))
+                .column(&Column::from(contour.cells.clone()))
+                .column(&Column::from(contour.rim.clone()));
         }
     }
 
@@ -32,14 +38,17 @@ impl Value for Region {
         let contours = (0..contours)
             .map(|_| {
                 let hole = from.plain::<u8>()? == 1;
-                Ok(Contour { hole, cells: from.column::<u32>()?.to_vec() })
+                let cells = from.column::<u32>()?.to_vec();
+                Ok(Contour { hole, cells, rim: from.column::<[f64; 2]>()?.to_vec() })
             })
             .collect::<Result<_, _>>()?;
         Ok(Self { width, height, cells, points, filled, contours })
     }
 
     fn size(&self) -> usize {
-        let contours: usize = self.contours.iter().map(|contour| 4 * contour.cells.len()).sum();
+        let contours = self.contours.iter();
+        let contours: usize =
+            contours.map(|contour| 4 * contour.cells.len() + 16 * contour.rim.len()).sum();
         self.cells.size() + self.points.size() + self.filled.size() + contours
     }
 
@@ -72,6 +81,13 @@ impl Value for Region {
         parts.push_hidden(LENGTHS, ElementKind::Entry, Meaning::Exact, 1, lengths);
         let holes: Vec<_> = contours.iter().map(|contour| u8::from(contour.hole)).collect();
         parts.push_hidden(HOLES, ElementKind::Entry, Meaning::Exact, 1, holes);
+        if contours.iter().any(|contour| !contour.rim.is_empty()) {
+            let rims: Vec<f64> =
+                contours.iter().flat_map(|contour| contour.rim.iter().flatten().copied()).collect();
+            parts.push_hidden(RIM, ElementKind::Entry, Meaning::Number, 2, rims);
+            let lengths: Vec<_> = contours.iter().map(|contour| contour.rim.len() as u32).collect();
+            parts.push_hidden(RIM_LENGTHS, ElementKind::Entry, Meaning::Exact, 1, lengths);
+        }
         parts
     }
 
@@ -140,14 +156,37 @@ fn contours(parts: &Parts<'_>, cells: &[u32]) -> Result<Vec<Contour>, PartsError
     let counts = lengths.to_u32()?;
     contour.with_count(counts.iter().map(|&count| count as usize).sum())?;
     let holes = parts.require(HOLES, 1)?.with_count(counts.len())?.to_u8(1)?;
+    let rims = rims(parts, counts.len())?;
     let mut rest = &all[..];
     Ok(counts
         .iter()
         .zip(&holes)
-        .map(|(&count, &hole): (&u32, &u8)| {
+        .zip(rims)
+        .map(|((&count, &hole), rim): ((&u32, &u8), Vec<[f64; 2]>)| {
             let (cells, behind) = rest.split_at(count as usize);
             rest = behind;
-            Contour { hole: hole == 1, cells: cells.to_vec() }
+            Contour { hole: hole == 1, cells: cells.to_vec(), rim }
         })
         .collect())
+}
+
+/// Returns the rim of each contour; empty ones if the parts have none.
+fn rims(parts: &Parts<'_>, contours: usize) -> Result<Vec<Vec<[f64; 2]>>, PartsError> {
+    if parts.column(RIM).is_none() {
+        return Ok(vec![Vec::new(); contours]);
+    }
+    let counts = parts.require(RIM_LENGTHS, 1)?.with_count(contours)?.to_u32()?;
+    let count = counts.iter().map(|&count| count as usize).sum();
+    let part = parts.require(RIM, 2)?;
+    let all: Vec<[f64; 2]> = part.with_count(count)?.elements()?;
+    if let Some(index) = all.iter().position(|at| at.iter().any(|x| !x.is_finite())) {
+        return Err(part.number_error(index, all[index][0], "a finite position"));
+    }
+    let mut rest = &all[..];
+    let rims = counts.iter().map(|&count| {
+        let (rim, behind) = rest.split_at(count as usize);
+        rest = behind;
+        rim.to_vec()
+    });
+    Ok(rims.collect())
 }
