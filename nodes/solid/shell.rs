@@ -10,12 +10,15 @@ use maquette_value::{Mesh, TriangleTree};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::thicken::{still_thin, thin};
+use crate::thicken::{ThinWalls, thin};
 use crate::volume::volume;
 
+mod backs;
 mod behind;
 mod layer;
 mod patch;
+mod probes;
+mod settle;
 
 /// Gives a surface a thickness: an open scan becomes a shell that can be printed, as a mask is.
 ///
@@ -80,14 +83,14 @@ impl Node for Shell {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (shell, thin) = shell(cx.get(&self.mesh), self.thickness, self.side, cx.progress())?;
-        if thin > 0 {
-            cx.warn(still_thin(thin, self.thickness));
+        if let Some(thin) = thin {
+            cx.warn(thin.warning(self.thickness));
         }
         Ok((shell,))
     }
 }
 
-/// Returns the shell of a surface, see [`Shell`], and the number of faces at which the shell is thinner than requested.
+/// Returns the shell of a surface, see [`Shell`], and the walls that are thinner than requested.
 ///
 /// The cost grows with the number of faces, and with the area of those parts where the layer is too thin, in squares of the thickness.
 ///
@@ -99,7 +102,7 @@ pub fn shell(
     thickness: f64,
     side: Side,
     progress: &Progress<'_>,
-) -> Result<(Mesh, usize), Error> {
+) -> Result<(Mesh, Option<ThinWalls>), Error> {
     if !(thickness > 0.0 && thickness.is_finite()) {
         bail!("`thickness` is {thickness}, but must be a number above 0");
     }
@@ -110,13 +113,16 @@ pub fn shell(
     let count = edges.misoriented + edges.faces.iter().filter(|faces| 2 < **faces).count();
     if count > 0 {
         bail!(
-            "the faces are not a surface: {count} edges have more than two faces, or two with different orientations; use `Orient` to turn faces"
+            "the faces are not a surface: {count} edges have more than two faces, or two with different orientations{}; use `Orient` to turn faces",
+            first_bad_edge(mesh)
         );
     }
     let size = mesh.bounds().map_or(0.0, |(low, high)| (high - low).norm());
     if !(1e-9..=1e3).contains(&(thickness / size)) {
         bail!(
-            "the shell is empty: `thickness`, {thickness} mm, is too large or too small for the surface's size of {size} mm"
+            "the shell is empty: `thickness`, {thickness} mm, is too large or too small for the surface's size of {size} mm; {:.1e} to {:.1e} mm are possible",
+            1e-9 * size,
+            1e3 * size
         );
     }
     if side != Side::Middle && !edges.faces.contains(&1) && volume(mesh, mesh.positions()[0]) <= 0.0
@@ -133,8 +139,17 @@ pub fn shell(
         }
         Side::Middle => patch::two_sided(&bare, thickness, progress)?,
     };
-    let thin = thin(&shell, &TriangleTree::new(&shell), thickness).len();
+    let thin = ThinWalls::new(&shell, &thin(&shell, &TriangleTree::new(&shell), thickness));
     Ok((shell, thin))
+}
+
+/// Returns the place of the first edge of a mesh with more than two faces, as a part of a sentence; empty if there is none.
+fn first_bad_edge(mesh: &Mesh) -> String {
+    let edges = mesh.edges();
+    let Some(bad) = edges.faces.iter().position(|faces| 2 < *faces) else { return String::new() };
+    let [a, b] = edges.vertices[bad].map(|vertex| mesh.positions()[vertex as usize]);
+    let at = nalgebra::center(&a, &b);
+    format!("; one with {} faces is at ({:.3}, {:.3}, {:.3})", edges.faces[bad], at.x, at.y, at.z)
 }
 
 #[cfg(test)]
