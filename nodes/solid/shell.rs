@@ -23,9 +23,10 @@ mod settle;
 /// Gives a surface a thickness: an open scan becomes a shell that can be printed, as a mask is.
 ///
 /// The surface itself does not change, unless it is in the middle. The other side is at least at the distance `thickness`, farther only
-/// behind sharp edges, and is missing where there is no room for it: a finger becomes solid. Borders get upright walls. Where the surface
-/// bends more tightly than `thickness`, the shell may be thinner next to a border, with a warning. The other side has the attributes of the
-/// place from which it was moved, or of the nearest point of the surface.
+/// behind sharp edges, and is missing where there is no room for it: a finger becomes solid. Borders get upright walls, which lean outward
+/// beside bends that are tighter than `thickness`. The other side of a rough scan is made along the rays of its sensor. Places where the
+/// shell is still too thin are named in a warning; with a thickness far below the edge length they are left as they are. The other side has
+/// the attributes of the place from which it was moved, or of the nearest point of the surface.
 ///
 /// In other programs: solidify, thicken, extrude.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

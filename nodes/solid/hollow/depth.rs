@@ -26,6 +26,10 @@ const CHUNK: usize = 16_384;
 /// Minimum distance of a contour's vertex from a grid node, as a fraction of a grid edge.
 const NEAREST: f64 = 0.02;
 
+/// Distance below the surface of what is filled, in cells, up to which a node stays in the cavity: interpolated between nodes, the material
+/// around such a node would be a needle.
+const TIP: f64 = 0.15;
+
 /// Distance behind a cavity's surface, in cells, beyond which a node in a cavity belongs to another place of the surface.
 const AHEAD: f64 = 0.75;
 
@@ -177,7 +181,7 @@ impl Depth {
         is_near
     }
 
-    /// Reduces depths so that all points within `radius` mm of a mesh are less deep than `depth`.
+    /// Reduces depths so that all points within `radius` mm of a mesh, less [`TIP`], are less deep than `depth`.
     ///
     /// # Errors
     /// Returns an error if the evaluation is cancelled.
@@ -197,7 +201,9 @@ impl Depth {
             let places: Vec<_> =
                 chunk.iter().map(|&node| self.place(self.coordinates(node))).collect();
             for (&node, distance) in chunk.iter().zip(distances_to(tree, &places)) {
-                self.depths[node] = self.depths[node].min(depth + distance - radius);
+                let is_tip = distance <= radius && radius - TIP * self.spacing < distance;
+                let above = if is_tip { NEAREST * self.spacing } else { distance - radius };
+                self.depths[node] = self.depths[node].min(depth + above);
             }
         }
         Ok(())
@@ -305,8 +311,8 @@ impl Depth {
             let places: Vec<_> =
                 chunk.iter().map(|&node| self.place(self.coordinates(node))).collect();
             for (&node, distance) in chunk.iter().zip(distances_to(tree, &places)) {
-                distances[node] = distance;
-                is_inside[node] = self.spacing < distance;
+                // Both ends are inside, as a grid edge is shorter than the depth.
+                (distances[node], is_inside[node]) = (distance, true);
             }
         }
         Ok(())

@@ -16,8 +16,9 @@ use crate::thicken::middle_surface;
 /// Maximum number of rounds in which sheets are thickened: what is added for one sheet may come near to another cavity.
 const ROUNDS: usize = 5;
 
-/// Thickness to which a sheet is thickened, as a multiple of the requested one: the flat faces of a cavity cut into round sheets.
-const AIM: f64 = 1.06;
+/// Thickness to which a sheet is thickened, as a multiple of the requested one: the flat faces of a cavity cut into round sheets, and tips
+/// of them are cut off.
+const AIM: f64 = 1.16;
 
 /// Added to that multiple in each round, so that no narrow cavity remains beside what was added.
 const GROWTH: f64 = 0.15;
@@ -138,25 +139,22 @@ fn faces_near(surface: &Mesh, sheet: &Sheet, reach: f64) -> Vec<u32> {
 }
 
 /// Returns the faces near a sheet behind which the material up to another face of the cavities is thinner than `thickness` mm, each with the
-/// thickness there. Slivers, whose normals depend on rounding, are left out.
+/// thickness there.
 pub(super) fn remaining_thin_sheets(
     surface: &Mesh,
     sheet: &Sheet,
     thickness: f64,
     progress: &Progress<'_>,
 ) -> Result<Vec<(usize, f64)>, CancelledError> {
-    let mut faces = faces_near(surface, sheet, thickness);
-    faces.retain(|&face| {
-        let area = surface.area_vector(surface.faces().face(face as usize)).norm() / 2.0;
-        SLIVER * thickness * thickness <= area
-    });
+    let faces = faces_near(surface, sheet, thickness);
     if faces.is_empty() {
         return Ok(Vec::new());
     }
     thin_sheets(surface, &TriangleTree::new(surface), &faces, thickness, progress)
 }
 
-/// Measures the material behind the given faces of a cavity by rays against their normals, which point into the cavity.
+/// Measures the material behind the given faces of a cavity by rays against their normals, which point into the cavity. Slivers, whose
+/// normals depend on rounding, are left out.
 fn thin_sheets(
     surface: &Mesh,
     tree: &TriangleTree,
@@ -169,7 +167,11 @@ fn thin_sheets(
         progress.check()?;
         let of_faces = faces.par_iter().filter_map(|&face| {
             let corners = surface.faces().face(face as usize);
-            let inward = -surface.area_vector(corners).try_normalize(0.0)?;
+            let normal = surface.area_vector(corners);
+            let inward = -normal.try_normalize(0.0)?;
+            if normal.norm() / 2.0 < SLIVER * thickness * thickness {
+                return None;
+            }
             let start = surface.first_triangle_center(corners) + inward * (1e-6 * thickness);
             let hit = tree.first_hit(start, inward).filter(|hit| hit.along < thickness)?;
             let other = surface.area_vector(surface.faces().face(hit.face as usize));

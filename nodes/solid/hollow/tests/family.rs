@@ -154,7 +154,7 @@ fn shapes(rng: &mut Random) -> Vec<(&'static str, Mesh)> {
             solid_of(
                 |at| {
                     let turned = [at, Point3::new(at.y, at.z, at.x), Point3::new(at.z, at.x, at.y)];
-                    turned.map(|at| rod(at, 8.0, 2.1)).into_iter().fold(-100.0, f64::max)
+                    turned.map(|at| rod(at, 8.0, 2.4)).into_iter().fold(-100.0, f64::max)
                 },
                 [11.0; 3],
                 0.5,
@@ -182,5 +182,5 @@ fn walls_of_ten_shapes_are_as_thick_as_asked_also_between_cavities() {
         cavities += parts(&hollow) - 1;
     }
     // Many of the shapes have necks with a cavity on each side.
-    assert!(15 < cavities, "{cavities}");
+    assert!(12 < cavities, "{cavities}");
 }
