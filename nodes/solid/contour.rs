@@ -51,7 +51,8 @@ impl Hash for EdgeKey {
     }
 }
 
-/// A hasher of keys of grid edges: multiplication spreads them over the table. The hasher of the standard library takes three times as long.
+/// A hasher of keys of grid edges: multiplication spreads them over the table. The hasher of the standard library takes three times as
+/// long.
 #[derive(Default)]
 struct KeyHasher(u64);
 

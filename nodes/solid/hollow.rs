@@ -34,9 +34,9 @@ const MISSING: f64 = 1.0 / 30.0;
 ///
 /// The outer surface does not change. The surface of the cavity is made on a grid, so that it never intersects itself. Where the solid is
 /// too thin, it stays filled; two cavities beside such a place are separated by a wall of the same thickness. A cavity smaller than a cube
-/// of half the wall's thickness is filled. The cavity gets the attributes of the nearest point of the outer surface. A cavity without an opening
-/// keeps its resin or powder: `outlets` are drilled through the wall. Parts that overlap, or lie in each other and both face outward, are an
-/// error, which names the part.
+/// of half the wall's thickness is filled. The cavity gets the attributes of the nearest point of the outer surface. A cavity without an
+/// opening keeps its resin or powder: `outlets` are drilled through the wall. Parts that overlap, or lie in each other and both face
+/// outward, are an error, which names the part.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Hollow {
     /// The solid.

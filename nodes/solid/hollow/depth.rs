@@ -67,8 +67,8 @@ pub(super) fn smallest_spacing([low, high]: [Point3<f64>; 2]) -> f64 {
 }
 
 impl Depth {
-    /// Measures which nodes are deeper than `deepest`, which is at least twice the spacing, and the depths of all nodes beside the surface of
-    /// that depth. The minimum coordinates of the mesh are `low`.
+    /// Measures which nodes are deeper than `deepest`, which is at least twice the spacing, and the depths of all nodes beside the surface
+    /// of that depth. The minimum coordinates of the mesh are `low`.
     ///
     /// # Errors
     /// Returns an error if the evaluation is cancelled.

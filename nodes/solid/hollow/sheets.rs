@@ -138,8 +138,8 @@ fn faces_near(surface: &Mesh, sheet: &Sheet, reach: f64) -> Vec<u32> {
     near.collect()
 }
 
-/// Returns the faces near a sheet behind which the material up to another face of the cavities is thinner than `thickness` mm, each with the
-/// thickness there.
+/// Returns the faces near a sheet behind which the material up to another face of the cavities is thinner than `thickness` mm, each with
+/// the thickness there.
 pub(super) fn remaining_thin_sheets(
     surface: &Mesh,
     sheet: &Sheet,

@@ -111,9 +111,9 @@ impl Lacks {
     }
 }
 
-/// Moves vertices of a cavity deeper into the solid where the wall behind the cavity's faces is too thin. A vertex moves along its grid edge
-/// only, so faces never intersect. Thin walls occur because distances are known at grid nodes only, and because the cavity has flat faces
-/// where the surface has a concave edge. `edges` are those of the contour.
+/// Moves vertices of a cavity deeper into the solid where the wall behind the cavity's faces is too thin. A vertex moves along its grid
+/// edge only, so faces never intersect. Thin walls occur because distances are known at grid nodes only, and because the cavity has flat
+/// faces where the surface has a concave edge. `edges` are those of the contour.
 ///
 /// Returns the thickness in mm that the wall still lacks at each face.
 pub(super) fn keep_walls(

@@ -161,8 +161,8 @@ impl Backs<'_> {
         }
     }
 
-    /// Returns the motion by `height` mm along the rays of the sensor of a capture, or else against the mean direction of the faces. A surface that is
-    /// seen whole from there does not fold, however rough it is.
+    /// Returns the motion by `height` mm along the rays of the sensor of a capture, or else against the mean direction of the faces. A
+    /// surface that is seen whole from there does not fold, however rough it is.
     fn away(&self, height: f64) -> Motion {
         let faces = self.mesh.faces().iter();
         let mean = -faces.map(|face| self.mesh.area_vector(face)).sum::<Vector3<f64>>();

@@ -11,8 +11,8 @@ use crate::extended::ExtendedMesh;
 const ROUNDS: usize = 60;
 
 impl Backs<'_> {
-    /// Returns the closed layer between the surface, or its motion by `front`, and its motion by `back`. Heights and shifts are reduced until
-    /// the layer does not intersect itself.
+    /// Returns the closed layer between the surface, or its motion by `front`, and its motion by `back`. Heights and shifts are reduced
+    /// until the layer does not intersect itself.
     ///
     /// # Errors
     /// Returns an error if the surface intersects itself, or folds over itself at a vertex.
