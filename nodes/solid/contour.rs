@@ -1,7 +1,9 @@
 //! Extracts the surface between the grid nodes of positive depth, called deep, and all other nodes.
 
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hash, Hasher};
 
+use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::Point3;
 
 /// The six tetrahedra of a cell. A path along three edges of each tetrahedron leads from the cell's lowest corner to its highest, along the
@@ -27,14 +29,58 @@ pub(crate) struct Contour {
     pub(crate) deep_ends: Vec<(Point3<f64>, f64)>,
     /// The triangles of the extracted surface. Their normals point to the side of positive depth.
     pub(crate) triangles: Vec<[u32; 3]>,
-    numbers: HashMap<[[usize; 3]; 2], u32>,
+    /// The vertex on each grid edge.
+    numbers: HashMap<EdgeKey, u32, BuildHasherDefault<KeyHasher>>,
+}
+
+/// A grid edge: the node where it begins, whose x is multiplied by 8, plus the steps to its end as bits.
+#[derive(PartialEq, Eq)]
+struct EdgeKey([u32; 3]);
+
+impl EdgeKey {
+    fn new([x, y, z]: [usize; 3], step: usize) -> Self {
+        Self([x << 3 | step, y, z].map(|it| it as u32))
+    }
+}
+
+impl Hash for EdgeKey {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        let [x, y, z] = self.0.map(u64::from);
+        state.write_u64(x << 32 | y);
+        state.write_u64(z);
+    }
+}
+
+/// A hasher of keys of grid edges: multiplication spreads them over the table. The hasher of the standard library takes three times as
+/// long.
+#[derive(Default)]
+struct KeyHasher(u64);
+
+impl Hasher for KeyHasher {
+    fn finish(&self) -> u64 {
+        self.0 ^ self.0 >> 32
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|&byte| self.write_u64(u64::from(byte)));
+    }
+
+    fn write_u64(&mut self, key: u64) {
+        // 2^64 divided by the golden ratio (Knuth, "The Art of Computer Programming" 3, 1973, section 6.4).
+        self.0 = (self.0.rotate_left(23) ^ key).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
 }
 
 impl Contour {
     /// Returns an empty surface. `nearest` is the minimum distance of a vertex from a grid node, as a fraction of a grid edge.
     pub(crate) fn new(nearest: f64) -> Self {
         let (points, deep_ends, triangles) = (Vec::new(), Vec::new(), Vec::new());
-        Self { nearest, points, deep_ends, triangles, numbers: HashMap::new() }
+        Self { nearest, points, deep_ends, triangles, numbers: HashMap::default() }
+    }
+
+    /// Returns the surface as a mesh.
+    pub(crate) fn mesh(&self) -> Result<Mesh, MeshError> {
+        Mesh::new(self.points.clone(), Faces::triangles(self.triangles.clone()))
     }
 
     /// Adds the part of the surface in one cell. `at` is the node at the cell's lowest corner; `place` gives the position of a node. Bits
@@ -62,7 +108,8 @@ impl Contour {
             // Returns the vertex on the edge between two corners, one of which has a positive depth.
             let mut vertex = |a: usize, b: usize| {
                 let ends = [corners[a.min(b)], corners[a.max(b)]];
-                *self.numbers.entry(ends.map(|end| node(at, end))).or_insert_with(|| {
+                let key = EdgeKey::new(node(at, ends[0]), ends[1] - ends[0]);
+                *self.numbers.entry(key).or_insert_with(|| {
                     let [from, to] = ends.map(|end| depths[end]);
                     let share = (from / (from - to)).clamp(self.nearest, 1.0 - self.nearest);
                     let [first, last] = ends.map(|end| place(node(at, end)));

@@ -12,24 +12,31 @@ use maquette_value::{Faces, Mesh, MeshError, TriangleTree};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use sheets::{Sheet, thicken_sheets};
+use walls::Walls;
 
 use crate::combine::{Parts, boolean};
 use crate::contour::Contour;
-use crate::how_to_close::how_to_close;
+use crate::how_to_close::{first_open_edge, how_to_close};
 use crate::operation::Operation;
+use crate::thicken::ThinWalls;
 use crate::transfer_attributes::transfer_attributes;
 use crate::volume::volume;
 
 mod depth;
+mod sheets;
 mod walls;
+
+/// Missing fraction of the thickness of a wall from which on there is a warning.
+const MISSING: f64 = 1.0 / 30.0;
 
 /// Hollows a solid: adds a cavity inside, at a distance of the wall's thickness from its surface.
 ///
 /// The outer surface does not change. The surface of the cavity is made on a grid, so that it never intersects itself. Where the solid is
-/// too thin, it stays filled; where it is just thick enough, thin sheets may separate two cavities. A cavity smaller than a cube of half
-/// the wall's thickness is filled. The cavity gets the attributes of the nearest point of the outer surface. A cavity without an opening
-/// keeps its resin or powder: `outlets` are drilled through the wall. Parts that overlap, or lie in each other and both face outward, are an
-/// error, which names the part.
+/// too thin, it stays filled; two cavities beside such a place are separated by a wall of the same thickness. A cavity smaller than a cube
+/// of half the wall's thickness is filled. The cavity gets the attributes of the nearest point of the outer surface. A cavity without an
+/// opening keeps its resin or powder: `outlets` are drilled through the wall. Parts that overlap, or lie in each other and both face
+/// outward, are an error, which names the part.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Hollow {
     /// The solid.
@@ -110,7 +117,15 @@ impl Node for Hollow {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
         let how = (self.thickness, self.spacing);
-        let hollow = hollow(mesh, how, &self.outlets, cx.progress())?;
+        let (hollow, thin) = hollow(mesh, how, &self.outlets, cx.progress())?;
+        if let Some(thin) = thin {
+            let spacing = if self.spacing == 0.0 { self.thickness / 2.0 } else { self.spacing };
+            cx.warn(format!(
+                "{}; or use `spacing: {}`",
+                thin.warning(self.thickness),
+                spacing / 2.0
+            ));
+        }
         let closed = parts(&hollow).saturating_sub(parts(mesh));
         if !self.outlets.is_empty() && closed > 0 {
             let cavities = if closed == 1 { "cavity has" } else { "cavities have" };
@@ -132,7 +147,8 @@ impl Node for Hollow {
 /// Distances are measured at grid nodes, except where a coarse test shows that they are larger than needed. Away from the surface, the
 /// nodes of a connected component are all inside or all outside, so one winding number decides for each component (Jacobson, Kavan and
 /// Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers", 2013). The surface of the cavity is extracted
-/// from tetrahedra, so that it is a closed manifold. The cost grows with the number of cells.
+/// from tetrahedra, so that it is a closed manifold. The cost grows with the number of cells. Also returns the walls that are thinner than
+/// requested by more than a thirtieth.
 ///
 /// # Errors
 /// Returns an error if the mesh is not a solid, a parameter is out of range, there are too many cells, or the evaluation is cancelled.
@@ -141,7 +157,7 @@ pub fn hollow(
     (thickness, spacing): (f64, f64),
     outlets: &[Outlet],
     progress: &Progress<'_>,
-) -> Result<Mesh, Error> {
+) -> Result<(Mesh, Option<ThinWalls>), Error> {
     if !(thickness > 0.0 && thickness.is_finite()) {
         bail!("`thickness` is {thickness}, but must be a number above 0");
     }
@@ -162,7 +178,8 @@ pub fn hollow(
     let open = mesh.edges().faces.iter().filter(|faces| **faces != 2).count();
     if open > 0 {
         bail!(
-            "the mesh is not closed: {open} of its edges do not have two faces; {}",
+            "the mesh is not closed: {open} of its edges do not have two faces, the first one at {}; {}",
+            first_open_edge(mesh),
             how_to_close(mesh)
         );
     }
@@ -171,12 +188,16 @@ pub fn hollow(
         if let Some(part) = Parts::new(mesh).crossing(progress)? {
             bail!("{}", part.describe());
         }
+        let at = mesh.first_triangle_center(mesh.faces().face(*first as usize));
         bail!(
-            "the mesh intersects itself: {} pairs of faces cross, such as {first} and {second}; use `Solid(base: Keep, repair: Voxels())` to repair it",
-            crossing.len()
+            "the mesh intersects itself: {} pairs of faces cross, such as {first} and {second} at ({:.3}, {:.3}, {:.3}); use `Solid(base: Keep, repair: Voxels())` to repair it",
+            crossing.len(),
+            at.x,
+            at.y,
+            at.z
         );
     }
-    let Some((low, high)) = mesh.bounds() else { return Ok(mesh.clone()) };
+    let Some((low, high)) = mesh.bounds() else { return Ok((mesh.clone(), None)) };
     if volume(mesh, low) < 0.0 {
         bail!("the mesh is inside out; use `Orient` to turn it outward");
     }
@@ -184,31 +205,83 @@ pub fn hollow(
         bail!("{}", part.describe());
     }
     let tree = TriangleTree::new(mesh);
-    let counts = depth::counts([low, high], spacing)?;
-    let depth = progress.part(0.1..0.8, |progress| {
+    let counts = depth::counts([low, high], spacing).map_err(|error| {
+        let possible = depth::smallest_spacing([low, high]);
+        let value = match possible <= most {
+            true => format!("`spacing: {possible:.3}`"),
+            false => format!("`thickness: {:.3}`", 2.0 * possible),
+        };
+        Error::new(format!("{error}, such as {value}"))
+    })?;
+    let mut depth = progress.part(0.1..0.6, |progress| {
         Depth::new((mesh, &tree), low, (counts, spacing), thickness, progress)
     })?;
-    let mut contour = depth.contour(thickness, progress)?;
-    walls::keep_walls(&mut contour, &tree, thickness, progress)?;
-    walls::leave_out_bubbles(&mut contour, most * most * most);
-    if contour.triangles.is_empty() {
-        return Ok(mesh.clone());
-    }
-    let Contour { points, triangles, .. } = contour;
-    let faces: Vec<_> = (0..triangles.len() as u32).collect();
-    let cavity = Mesh::new(points, Faces::triangles(triangles))?.select(&faces);
+    let (contour, sheet) = thicken_sheets(&mut depth, thickness, progress)?;
+    drop(depth);
+    let least = most * most * most;
+    let Some((cavity, thin)) =
+        cavity(contour, (&tree, sheet.as_ref()), (thickness, least), progress)?
+    else {
+        return Ok((mesh.clone(), None));
+    };
     let cavity = transfer_attributes(mesh, &tree, cavity)?.with_frame(mesh.frame().copied());
     let hollow = merge(&[mesh, &cavity], Poses::Ignore)?.with_creases(mesh.creases())?;
+    let drilled = drill_outlets((mesh, &tree), &cavity, hollow, outlets, progress)?;
+    let thin = thin.map(|thin| {
+        let nearest = TriangleTree::new(&drilled).nearest_to_all(&[thin.at])[0];
+        ThinWalls { face: nearest.map_or(thin.face, |it| it.face as usize), ..thin }
+    });
+    Ok((drilled, thin))
+}
+
+/// Returns the mesh of the cavities of at least `least` mm^3, whose walls are kept thick enough, and the walls that are not; `None` without
+/// cavities.
+fn cavity(
+    mut contour: Contour,
+    (tree, sheet): (&TriangleTree, Option<&Sheet>),
+    (thickness, least): (f64, f64),
+    progress: &Progress<'_>,
+) -> Result<Option<(Mesh, Option<ThinWalls>)>, Error> {
+    let edges = contour.mesh()?.edges().clone();
+    let walls = Walls { skin: tree, sheet, thickness };
+    let lacks = progress
+        .part(0.7..0.9, |progress| walls::keep_walls(&mut contour, edges, &walls, progress))?;
+    let is_large = walls::find_large_cavities(&contour, least);
+    let faces: Vec<u32> =
+        (0..is_large.len() as u32).filter(|&face| is_large[face as usize]).collect();
+    if faces.is_empty() {
+        return Ok(None);
+    }
+    let cavity = contour.mesh()?.select(&faces);
+    let enough = (1.0 - MISSING) * thickness;
+    let mut thin = match sheet {
+        Some(sheet) => sheets::remaining_thin_sheets(&cavity, sheet, enough, progress)?,
+        None => Vec::new(),
+    };
+    let of_skin = faces.iter().map(|&face| thickness - lacks[face as usize]).enumerate();
+    thin.extend(of_skin.filter(|(_, wall)| *wall < enough));
+    let walls = ThinWalls::new(&cavity, &thin);
+    Ok(Some((cavity, walls)))
+}
+
+/// Returns the hollow solid with outlets through its wall, from the outer surface to the cavity.
+fn drill_outlets(
+    (mesh, tree): (&Mesh, &TriangleTree),
+    cavity: &Mesh,
+    hollow: Mesh,
+    outlets: &[Outlet],
+    progress: &Progress<'_>,
+) -> Result<Mesh, Error> {
     if outlets.is_empty() {
         return Ok(hollow);
     }
-    let inner = TriangleTree::new(&cavity);
+    let inner = TriangleTree::new(cavity);
     // Drill an outlet only once if it is listed twice.
     let new = outlets.iter().enumerate().filter(|(k, outlet)| !outlets[..*k].contains(outlet));
     let drills: Vec<Mesh> = new
         .map(|(_, outlet)| {
-            let drill = drill((mesh, &tree), (&cavity, &inner), outlet)?;
-            Ok(transfer_attributes(mesh, &tree, drill)?.with_frame(mesh.frame().copied()))
+            let drill = drill((mesh, tree), (cavity, &inner), outlet)?;
+            Ok(transfer_attributes(mesh, tree, drill)?.with_frame(mesh.frame().copied()))
         })
         .collect::<Result<_, MeshError>>()?;
     let drills = Vec::from_iter(&drills);

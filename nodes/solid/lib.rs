@@ -12,6 +12,8 @@ mod how_to_close;
 mod offset;
 mod operation;
 mod polygons;
+#[cfg(test)]
+mod random_rays;
 mod repair;
 mod shell;
 mod solid;
@@ -25,6 +27,7 @@ pub use hollow::{Hollow, Outlet, hollow};
 pub use operation::Operation;
 pub use shell::{Shell, Side, shell};
 pub use solid::{Base, Holes, Repair, Solid, SolidMesh, solid};
+pub use thicken::ThinWalls;
 
 /// Nodes that make solids, which can be printed.
 pub static PACK: Pack = Pack {

@@ -10,19 +10,23 @@ use maquette_value::{Mesh, TriangleTree};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::thicken::{still_thin, thin};
+use crate::thicken::{ThinWalls, thin};
 use crate::volume::volume;
 
+mod backs;
 mod behind;
 mod layer;
 mod patch;
+mod probes;
+mod settle;
 
 /// Gives a surface a thickness: an open scan becomes a shell that can be printed, as a mask is.
 ///
 /// The surface itself does not change, unless it is in the middle. The other side is at least at the distance `thickness`, farther only
-/// behind sharp edges, and is missing where there is no room for it: a finger becomes solid. Borders get upright walls. Where the surface
-/// bends more tightly than `thickness`, the shell may be thinner next to a border, with a warning. The other side has the attributes of the
-/// place from which it was moved, or of the nearest point of the surface.
+/// behind sharp edges, and is missing where there is no room for it: a finger becomes solid. Borders get upright walls, which lean outward
+/// beside bends that are tighter than `thickness`. The other side of a rough scan is made along the rays of its sensor. Places where the
+/// shell is still too thin are named in a warning; with a thickness far below the edge length they are left as they are. The other side has
+/// the attributes of the place from which it was moved, or of the nearest point of the surface.
 ///
 /// In other programs: solidify, thicken, extrude.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -80,14 +84,14 @@ impl Node for Shell {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (shell, thin) = shell(cx.get(&self.mesh), self.thickness, self.side, cx.progress())?;
-        if thin > 0 {
-            cx.warn(still_thin(thin, self.thickness));
+        if let Some(thin) = thin {
+            cx.warn(thin.warning(self.thickness));
         }
         Ok((shell,))
     }
 }
 
-/// Returns the shell of a surface, see [`Shell`], and the number of faces at which the shell is thinner than requested.
+/// Returns the shell of a surface, see [`Shell`], and the walls that are thinner than requested.
 ///
 /// The cost grows with the number of faces, and with the area of those parts where the layer is too thin, in squares of the thickness.
 ///
@@ -99,7 +103,7 @@ pub fn shell(
     thickness: f64,
     side: Side,
     progress: &Progress<'_>,
-) -> Result<(Mesh, usize), Error> {
+) -> Result<(Mesh, Option<ThinWalls>), Error> {
     if !(thickness > 0.0 && thickness.is_finite()) {
         bail!("`thickness` is {thickness}, but must be a number above 0");
     }
@@ -110,13 +114,16 @@ pub fn shell(
     let count = edges.misoriented + edges.faces.iter().filter(|faces| 2 < **faces).count();
     if count > 0 {
         bail!(
-            "the faces are not a surface: {count} edges have more than two faces, or two with different orientations; use `Orient` to turn faces"
+            "the faces are not a surface: {count} edges have more than two faces, or two with different orientations{}; use `Orient` to turn faces",
+            first_bad_edge(mesh)
         );
     }
     let size = mesh.bounds().map_or(0.0, |(low, high)| (high - low).norm());
     if !(1e-9..=1e3).contains(&(thickness / size)) {
         bail!(
-            "the shell is empty: `thickness`, {thickness} mm, is too large or too small for the surface's size of {size} mm"
+            "the shell is empty: `thickness`, {thickness} mm, is too large or too small for the surface's size of {size} mm; {:.1e} to {:.1e} mm are possible",
+            1e-9 * size,
+            1e3 * size
         );
     }
     if side != Side::Middle && !edges.faces.contains(&1) && volume(mesh, mesh.positions()[0]) <= 0.0
@@ -133,8 +140,17 @@ pub fn shell(
         }
         Side::Middle => patch::two_sided(&bare, thickness, progress)?,
     };
-    let thin = thin(&shell, &TriangleTree::new(&shell), thickness).len();
+    let thin = ThinWalls::new(&shell, &thin(&shell, &TriangleTree::new(&shell), thickness));
     Ok((shell, thin))
+}
+
+/// Returns the place of the first edge of a mesh with more than two faces, as a part of a sentence; empty if there is none.
+fn first_bad_edge(mesh: &Mesh) -> String {
+    let edges = mesh.edges();
+    let Some(bad) = edges.faces.iter().position(|faces| 2 < *faces) else { return String::new() };
+    let [a, b] = edges.vertices[bad].map(|vertex| mesh.positions()[vertex as usize]);
+    let at = nalgebra::center(&a, &b);
+    format!("; one with {} faces is at ({:.3}, {:.3}, {:.3})", edges.faces[bad], at.x, at.y, at.z)
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::base::{Ground, visible_part, with_base};
 use crate::repair::{self, Repaired};
-use crate::thicken::{still_thin, thicken};
+use crate::thicken::{ThinWalls, thicken};
 
 /// Makes a solid of a surface: a front side gets walls and a flat base, and a nearly closed surface is closed.
 ///
@@ -130,22 +130,22 @@ impl Node for Solid {
             let faces = if unseen == 1 { "face is" } else { "faces are" };
             cx.warn(format!("{unseen} {faces} left out: they look away from the sensor, or are connected by a single vertex where such a face was"));
         }
-        if thin > 0 {
-            cx.warn(still_thin(thin, self.thickness));
+        if let Some(thin) = thin {
+            cx.warn(thin.warning(self.thickness));
         }
         Ok((mesh,))
     }
 }
 
-/// A solid, and the numbers of faces that were removed or have a wall that is too thin.
+/// A solid, the number of faces that were removed, and the walls that are too thin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolidMesh {
     /// The solid's surface.
     pub mesh: Mesh,
     /// The number of faces that were removed because the sensor cannot have seen them.
     pub unseen: usize,
-    /// The number of faces at which the wall is thinner than requested.
-    pub thin: usize,
+    /// The walls that are thinner than requested.
+    pub thin: Option<ThinWalls>,
     /// A description of the repair of faces that crossed each other.
     pub repaired: Option<String>,
 }
@@ -207,7 +207,7 @@ pub fn solid(
         }
     };
     if thickness == 0.0 {
-        return Ok(SolidMesh { mesh: solid, unseen, thin: 0, repaired });
+        return Ok(SolidMesh { mesh: solid, unseen, thin: None, repaired });
     }
     let (mesh, thin) =
         progress.part(0.6..1.0, |progress| thicken(&solid, thickness, floor, progress))?;
@@ -383,7 +383,7 @@ mod tests {
         let base = Base::Flat { behind: 0.1, up: Some([0., 0., 1.]), holes: Holes::Fill };
         let thin = solid(&relief, &base, 0.0, Repair::None, &Progress::silent()).unwrap().mesh;
         let found = solid(&relief, &base, 1.2, Repair::None, &Progress::silent()).unwrap();
-        assert_eq!(found.thin, 0);
+        assert_eq!(found.thin, None);
         let edges = found.mesh.edges();
         assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
         // Half of the relief's area of 64 mm^2 becomes 1.1 mm thicker, with a rounded border.

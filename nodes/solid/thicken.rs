@@ -18,7 +18,7 @@ const PASSES: usize = 3;
 const THICKNESS_FACTOR: f64 = 1.1;
 
 /// Thickens the walls of a solid to at least `thickness` mm, measured straight inward from the center of each face. Returns the thickened
-/// solid, and the number of faces at which walls are still thinner than requested.
+/// solid, and the walls that are still thinner than requested.
 ///
 /// Where a wall is too thin, the volume within half of `thickness` of the wall's middle surface is united with the solid. The wall
 /// therefore grows equally on both sides; where the wall is just thick enough, it does not grow. Nothing grows through the floor.
@@ -27,18 +27,21 @@ pub(crate) fn thicken(
     thickness: f64,
     floor: Option<Floor>,
     progress: &Progress<'_>,
-) -> Result<(Mesh, usize), Error> {
+) -> Result<(Mesh, Option<ThinWalls>), Error> {
     let mut made = solid.clone();
     let mut passes = 0..PASSES;
     loop {
         let tree = TriangleTree::new(&made);
         let thin = thin(&made, &tree, thickness);
         let pass = passes.next().filter(|_| !thin.is_empty());
-        let Some(pass) = pass else { return Ok((made, thin.len())) };
+        let Some(pass) = pass else {
+            let left = ThinWalls::new(&made, &thin);
+            return Ok((made, left));
+        };
         fn share(part: f64, pass: usize) -> f64 {
             (pass as f64 + part) / PASSES as f64
         }
-        let middle = sheet(&made, &tree, &thin, (thickness, floor))?;
+        let middle = middle_surface(&made, &tree, &thin, (thickness, floor))?;
         let added = progress.part(share(0.0, pass)..share(0.7, pass), |progress| {
             let clip = floor.map_or(Clip::Nothing, Clip::Floor);
             offset_surface(&middle, (THICKNESS_FACTOR * thickness / 2.0, 3.0), clip, progress)
@@ -50,12 +53,36 @@ pub(crate) fn thicken(
     }
 }
 
-/// Returns the warning that at `count` faces the wall is still thinner than `thickness` mm.
-pub(crate) fn still_thin(count: usize, thickness: f64) -> String {
-    let [faces, them] = if count == 1 { ["face has", "it"] } else { ["faces have", "them"] };
-    format!(
-        "{count} {faces} still a wall of less than {thickness} mm behind {them}; add `Printable(thickness: ..)` to `expect` to see the positions"
-    )
+/// The walls of a solid that are thinner than requested.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThinWalls {
+    /// The number of faces with a thin wall behind them.
+    pub count: usize,
+    /// The face with the thinnest wall behind it.
+    pub face: usize,
+    /// The middle of that face.
+    pub at: Point3<f64>,
+    /// The thickness of that wall in mm.
+    pub thickness: f64,
+}
+
+impl ThinWalls {
+    /// Returns the walls of the given faces of a mesh, each with its thickness; `None` if there are no faces.
+    pub(crate) fn new(mesh: &Mesh, thin: &[(usize, f64)]) -> Option<Self> {
+        let &(face, thickness) = thin.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let at = mesh.first_triangle_center(mesh.faces().face(face));
+        Some(Self { count: thin.len(), face, at, thickness })
+    }
+
+    /// Returns the warning that walls are still thinner than `asked` mm.
+    pub(crate) fn warning(&self, asked: f64) -> String {
+        let Self { count, face, at, thickness } = self;
+        let [faces, them] = if *count == 1 { ["face has", "it"] } else { ["faces have", "them"] };
+        format!(
+            "{count} {faces} still a wall of less than {asked} mm behind {them}; the thinnest, {thickness:.3} mm, is behind face {face} at ({:.3}, {:.3}, {:.3}); add `Printable(thickness: ..)` to `expect` to see all positions",
+            at.x, at.y, at.z
+        )
+    }
 }
 
 /// Returns the indices of the faces at which the wall is thinner than `thickness` mm, each with the thickness of the wall there.
@@ -70,7 +97,7 @@ pub(crate) fn thin(mesh: &Mesh, tree: &TriangleTree, thickness: f64) -> Vec<(usi
 
 /// Returns the middle surface of the given thin walls: each face is moved inward, at each corner by half of the wall's thickness there.
 /// Points too close to the floor are raised.
-fn sheet(
+pub(crate) fn middle_surface(
     mesh: &Mesh,
     tree: &TriangleTree,
     thin: &[(usize, f64)],
@@ -153,7 +180,7 @@ pub(crate) mod tests {
         let plate = cuboid([20.0, 12.0, 0.3], 12);
         let (thick, left) = thicken(&plate, 1.5, None, &Progress::silent()).unwrap();
         assert!(is_solid(&thick));
-        assert_eq!(left, 0);
+        assert_eq!(left, None);
         let (low, high) = thick.bounds().unwrap();
         assert!((1.5..1.7).contains(&(high.z - low.z)), "{low} {high}");
     }
@@ -161,7 +188,7 @@ pub(crate) mod tests {
     #[test]
     fn what_is_thick_enough_stays() {
         let block = cuboid([4.0, 6.0, 5.0], 3);
-        assert_eq!(thicken(&block, 1.5, None, &Progress::silent()).unwrap(), (block, 0));
+        assert_eq!(thicken(&block, 1.5, None, &Progress::silent()).unwrap(), (block, None));
     }
 
     #[test]
@@ -173,7 +200,7 @@ pub(crate) mod tests {
         let both = boolean(&block, &[&fin], Operation::Union, &Progress::silent()).unwrap();
         let (thick, left) = thicken(&both, 1.2, None, &Progress::silent()).unwrap();
         assert!(is_solid(&thick));
-        assert_eq!(left, 0);
+        assert_eq!(left, None);
         let corners = [Point3::origin(), Point3::new(10.0, 10.0, 0.0)];
         assert!(corners.iter().all(|corner| thick.positions().contains(corner)));
         let (low, high) = thick.bounds().unwrap();
@@ -185,7 +212,7 @@ pub(crate) mod tests {
         let plate = cuboid([20.0, 12.0, 0.3], 12);
         let floor = Floor { up: Vector3::z(), height: 0.0 };
         let (thick, left) = thicken(&plate, 1.5, Some(floor), &Progress::silent()).unwrap();
-        assert!(is_solid(&thick) && left == 0);
+        assert!(is_solid(&thick) && left.is_none());
         let (low, high) = thick.bounds().unwrap();
         assert!(low.z == 0.0 && (1.5..1.8).contains(&high.z), "{low} {high}");
     }

@@ -25,6 +25,12 @@ pub(crate) fn transfer_attributes(
         mesh.vertex().get(name).is_some() || mesh.corner().get(name).is_some()
     }
     let own = to.clone();
+    let is_missing = |(name, _): (&str, _)| !has(&own, name);
+    let has_faces = from.face().iter().any(|(name, _)| own.face().get(name).is_none());
+    if !has_faces && !from.vertex().iter().any(is_missing) && !from.corner().iter().any(is_missing)
+    {
+        return Ok(to);
+    }
     let of_vertices = nearest(tree, own.positions());
     let middles = own.faces().iter().map(|face| {
         let sum: Vector3<f64> = face.iter().map(|&it| own.positions()[it as usize].coords).sum();

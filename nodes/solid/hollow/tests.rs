@@ -5,6 +5,8 @@ use nalgebra::Point3;
 
 use super::*;
 
+mod family;
+
 /// Returns a box of quads with the given size.
 fn cuboid(size: [f64; 3]) -> Mesh {
     let faces =
@@ -17,6 +19,13 @@ fn cuboid(size: [f64; 3]) -> Mesh {
         faces,
     )
     .unwrap()
+}
+
+/// Hollows a solid without outlets. Its walls must be thick enough.
+fn hollow_closed(solid: &Mesh, how: (f64, f64)) -> Mesh {
+    let (hollow, thin) = hollow(solid, how, &[], &Progress::silent()).unwrap();
+    assert_eq!(thin, None);
+    hollow
 }
 
 fn volume(mesh: &Mesh) -> f64 {
@@ -32,7 +41,7 @@ fn is_solid(mesh: &Mesh) -> bool {
 fn a_box_gets_a_cavity_behind_walls_that_are_as_thick_as_asked() {
     let solid = cuboid([20.0, 16.0, 12.0]);
     for (thickness, spacing) in [(2.0, 0.0), (2.0, 0.5), (3.0, 1.5)] {
-        let hollow = hollow(&solid, (thickness, spacing), &[], &Progress::silent()).unwrap();
+        let hollow = hollow_closed(&solid, (thickness, spacing));
         assert!(is_solid(&hollow));
         assert_eq!(
             hollow.crossings(|| Progress::silent().check()).unwrap(),
@@ -55,7 +64,7 @@ fn walls_around_inner_edges_are_nowhere_thinner_than_asked() {
     let solid = boolean(&block, &[&notch], Operation::Difference, &Progress::silent()).unwrap();
     let tree = TriangleTree::new(&solid);
     for (thickness, spacing) in [(2.0, 0.0), (1.5, 0.5)] {
-        let hollow = hollow(&solid, (thickness, spacing), &[], &Progress::silent()).unwrap();
+        let hollow = hollow_closed(&solid, (thickness, spacing));
         assert!(is_solid(&hollow));
         assert_eq!(
             hollow.crossings(|| Progress::silent().check()).unwrap(),
@@ -79,17 +88,17 @@ fn walls_around_inner_edges_are_nowhere_thinner_than_asked() {
 fn no_cavity_is_much_smaller_than_the_wall_is_thick() {
     // Walls of 2 mm would leave a cavity with edges of 0.9 mm in the first box, which is too small, and of 1.2 mm in the second.
     let whole = cuboid([4.9; 3]);
-    assert_eq!(hollow(&whole, (2.0, 0.25), &[], &Progress::silent()).unwrap(), whole);
-    let cube = hollow(&cuboid([5.2; 3]), (2.0, 0.25), &[], &Progress::silent()).unwrap();
+    assert_eq!(hollow_closed(&whole, (2.0, 0.25)), whole);
+    let cube = hollow_closed(&cuboid([5.2; 3]), (2.0, 0.25));
     assert!(is_solid(&cube) && cube.faces().len() > 6);
 }
 
 #[test]
 fn what_is_too_thin_stays_whole_and_what_is_hollow_gets_thinner_walls_from_both_sides() {
     let plate = cuboid([20.0, 16.0, 3.9]);
-    assert_eq!(hollow(&plate, (2.0, 0.0), &[], &Progress::silent()).unwrap(), plate);
-    let once = hollow(&cuboid([24.0; 3]), (8.0, 2.0), &[], &Progress::silent()).unwrap();
-    let twice = hollow(&once, (1.0, 0.5), &[], &Progress::silent()).unwrap();
+    assert_eq!(hollow_closed(&plate, (2.0, 0.0)), plate);
+    let once = hollow_closed(&cuboid([24.0; 3]), (8.0, 2.0));
+    let twice = hollow_closed(&once, (1.0, 0.5));
     assert!(is_solid(&twice) && volume(&twice) < volume(&once));
     let middle = Point3::new(12.0, 12.0, 12.0);
     let nearest = TriangleTree::new(&twice).nearest_to_all(&[middle])[0].unwrap();
@@ -102,7 +111,7 @@ fn the_cavity_has_the_attributes_of_the_surface() {
     let colors = Attribute::Color((0..8).map(|k| [k, 0, 0]).collect());
     let parts = Attribute::Index((0..6).collect());
     let solid = solid.with_vertex("color", colors).unwrap().with_face("part", parts).unwrap();
-    let hollow = hollow(&solid, (2.0, 0.0), &[], &Progress::silent()).unwrap();
+    let hollow = hollow_closed(&solid, (2.0, 0.0));
     let colors = hollow.vertex().colors("color").unwrap();
     assert!((0..8).all(|k| colors[8..].contains(&[k, 0, 0])));
     let Some(Attribute::Index(parts)) = hollow.face().get("part") else { panic!("no parts") };
@@ -114,7 +123,7 @@ fn it_is_the_same_for_any_number_of_threads() {
     let solid = cuboid([20.0, 16.0, 12.0]);
     fn hollow_with(threads: usize, solid: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| hollow(solid, (2.0, 0.0), &[], &Progress::silent()).unwrap())
+        pool.install(|| hollow_closed(solid, (2.0, 0.0)))
     }
     assert_eq!(hollow_with(1, &solid), hollow_with(3, &solid));
 }
@@ -135,7 +144,7 @@ fn unsuitable_meshes_are_errors() {
     let open = Mesh::new(solid.positions().clone(), open).unwrap();
     assert_eq!(
         error(&open, 2.0, 0.0),
-        "the mesh is not closed: 4 of its edges do not have two faces; use `Solid` to close it"
+        "the mesh is not closed: 4 of its edges do not have two faces, the first one at (20.000, 8.000, 0.000); use `Solid` to close it"
     );
     let mirrored = solid.positions().iter().map(|p| Point3::new(-p.x, p.y, p.z)).collect();
     let mirrored = solid.with_positions(mirrored).unwrap();
@@ -166,13 +175,15 @@ fn unsuitable_meshes_are_errors() {
     let beside = solid.with_positions(beside).unwrap();
     assert!(hollow(&merged(&beside, &solid), (2.0, 0.0), &[], &Progress::silent()).is_ok());
     let empty = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap();
-    assert_eq!(hollow(&empty, (2.0, 0.0), &[], &Progress::silent()).unwrap(), empty);
+    assert_eq!(hollow_closed(&empty, (2.0, 0.0)), empty);
 }
 
 #[test]
 fn outlets_lead_through_the_wall() {
     let solid = cuboid([20.0, 16.0, 12.0]);
-    let with = |outlets: &[Outlet]| hollow(&solid, (2.0, 0.0), outlets, &Progress::silent());
+    let with = |outlets: &[Outlet]| {
+        hollow(&solid, (2.0, 0.0), outlets, &Progress::silent()).map(|(mesh, _)| mesh)
+    };
     let closed = with(&[]).unwrap();
     let below = Outlet { at: [10.0, 8.0, -30.0], diameter: 3.0 };
     let above = Outlet { at: [6.0, 8.0, 13.0], diameter: 2.0 };

@@ -5,19 +5,24 @@
 //! intersects itself, but may be thinner than requested: the caller adds material there.
 
 use maquette_base::topology::lists::Lists;
-use maquette_base::topology::union_find::UnionFind;
-use maquette_node::{CancelledError, Error, Progress, bail};
-use maquette_value::parallel::*;
-use maquette_value::{Mesh, TriangleTree};
-use nalgebra::{Point3, Vector3, center};
+use maquette_node::{CancelledError, Progress};
+use maquette_value::TriangleTree;
+use nalgebra::{Point3, Vector3};
 
-use crate::extended::ExtendedMesh;
+use super::backs::{Backs, Motion, Side};
+use super::probes::Probe;
 
 /// Requested height of a layer, as a multiple of its thickness: the room for rounding errors and small chords.
 const AIM: f64 = 1.01;
 
 /// Maximum height of a layer at a vertex, as a multiple of the thickness. At a sharp edge the height is greater than the thickness.
 const MAX_HEIGHT: f64 = 2.5;
+
+/// Maximum height of a layer along the rays of a sensor, as a multiple of the thickness: behind faces that are seen at a grazing angle.
+const MAX_SLANT: f64 = 4.0;
+
+/// Maximum fraction of the corners whose face looks away from the sensor: noise turns some faces over.
+const MAX_AWAY: f64 = 0.02;
 
 /// Minimum cosine of the angle between the direction of a vertex and the normal of each of its faces, where one exists.
 const MIN_COSINE: f64 = 0.2;
@@ -32,147 +37,26 @@ const FREE: f64 = 0.3;
 /// Minimum cosine of the angle between the direction of a vertex and the normals of its faces, at which the vertex is not on a sharp edge.
 const BLUNT: f64 = 0.9;
 
+/// Maximum number of vertices near a border vertex that determine the direction there.
+const MAX_NEAR: usize = 200;
+
 /// Weight of the way to the middles of the faces in the directions of fans that share a vertex: large, so that fans at right angles
 /// part.
 const INWARDS: f64 = 3.0;
 
 /// Factor by which the height at a vertex is reduced in each round in which there is no room.
-const RETREAT: f64 = 0.6;
+pub(super) const RETREAT: f64 = 0.6;
 
 /// Maximum difference of the heights at the ends of an edge, as a multiple of its length, beside vertices without room.
 const STEEPEST: f64 = 1.5;
 
-/// Maximum numbers of rounds: of smoothing directions, of raising heights, and of reducing them with and without the test for
-/// self-intersections.
+/// Maximum numbers of rounds: of smoothing directions, of raising heights, and of reducing them.
 const SMOOTHINGS: usize = 10;
 const RAISES: usize = 6;
 const RETREATS: usize = 8;
-const SETTLINGS: usize = 60;
+const RECESSIONS: usize = 8;
 
-/// The vertices of a surface, separated where faces meet in a vertex without a common edge: one back vertex for each fan of faces.
-pub(super) struct Backs<'a> {
-    mesh: &'a Mesh,
-    /// The back vertex of each corner.
-    of_corner: Vec<u32>,
-    /// The first corner of each back vertex.
-    first: Vec<u32>,
-    sides: Vec<Side>,
-    /// The indices of the sides at borders.
-    borders: Vec<u32>,
-    /// For each back vertex, the faces around it.
-    faces: Lists,
-    /// The unit normals of the faces; reversed for motions to the front.
-    normals: Vec<Vector3<f64>>,
-    /// The triangles of all faces, by back vertices.
-    triangles: Vec<[u32; 3]>,
-}
-
-/// A side of a face.
-struct Side {
-    face: u32,
-    corners: [u32; 2],
-    backs: [u32; 2],
-    is_border: bool,
-}
-
-/// The distance of a point of a moved face from the surface.
-#[derive(Clone, Copy)]
-struct Probe {
-    distance: f64,
-    /// The cosine of the angle between the point's direction and the way from its nearest point of the surface.
-    cosine: f64,
-}
-
-/// The motion of each back vertex: a unit direction and a height in mm, and a shift along the surface.
-#[derive(Clone)]
-pub(super) struct Motion {
-    pub(super) directions: Vec<Vector3<f64>>,
-    pub(super) heights: Vec<f64>,
-    pub(super) shifts: Vec<Vector3<f64>>,
-}
-
-impl<'a> Backs<'a> {
-    /// `sign` is 1 for motions backwards, and -1 for motions to the front.
-    pub(super) fn new(mesh: &'a Mesh, sign: f64) -> Self {
-        let (faces, edges) = (mesh.faces(), mesh.edges());
-        let mut fans = UnionFind::new(faces.corners().len());
-        let mut older: Vec<Option<[u32; 2]>> = vec![None; edges.vertices.len()];
-        let mut sides = Vec::with_capacity(faces.corners().len());
-        for face in 0..faces.len() {
-            let (first, count) = (faces.first_corner(face), faces.face(face).len());
-            for k in 0..count {
-                let corners = [first + k, first + (k + 1) % count].map(|it| it as u32);
-                let edge = edges.of_corner[first + k] as usize;
-                if let Some([from, to]) = older[edge].replace(corners) {
-                    fans.union(corners[0], to);
-                    fans.union(corners[1], from);
-                }
-                let is_border = edges.faces[edge] == 1;
-                sides.push(Side { face: face as u32, corners, backs: [0; 2], is_border });
-            }
-        }
-        let (of_corner, first) = fans.into_labels();
-        for side in &mut sides {
-            side.backs = side.corners.map(|corner| of_corner[corner as usize]);
-        }
-        let normals = (0..faces.len()).into_par_iter().map(|face: usize| {
-            sign * mesh.area_vector(faces.face(face)).try_normalize(0.0).unwrap_or_default()
-        });
-        let around =
-            Lists::group(first.len(), || sides.iter().map(|side| (side.backs[0], side.face)));
-        let triangles = mesh.triangle_corners().into_iter();
-        let triangles = triangles.map(|it| it.map(|corner| of_corner[corner as usize])).collect();
-        let borders = (0..sides.len() as u32).filter(|&side| sides[side as usize].is_border);
-        Self {
-            mesh,
-            first,
-            borders: borders.collect(),
-            sides,
-            faces: around,
-            normals: normals.collect(),
-            triangles,
-            of_corner,
-        }
-    }
-
-    fn vertex(&self, back: usize) -> u32 {
-        self.mesh.faces().corners()[self.first[back] as usize]
-    }
-
-    fn position(&self, back: usize) -> Point3<f64> {
-        self.mesh.positions()[self.vertex(back) as usize]
-    }
-
-    fn moved(&self, motion: &Motion) -> Vec<Point3<f64>> {
-        (0..self.first.len())
-            .map(|back| {
-                let along = motion.directions[back] * motion.heights[back];
-                self.position(back) + along + motion.shifts[back]
-            })
-            .collect()
-    }
-
-    /// Returns for each back vertex at a border the shift by `distance` mm out of the surface, but by at most a third of the shorter edge
-    /// of the border.
-    pub(super) fn shifts(&self, distance: f64) -> Vec<Vector3<f64>> {
-        let mut shifts = vec![Vector3::zeros(); self.first.len()];
-        let mut shortest = vec![f64::INFINITY; self.first.len()];
-        for side in self.borders.iter().map(|&side| &self.sides[side as usize]) {
-            let [a, b] = side.backs.map(|back| back as usize);
-            let edge = self.position(b) - self.position(a);
-            let out = edge.cross(&self.normals[side.face as usize]).try_normalize(0.0);
-            for back in [a, b] {
-                shifts[back] += out.unwrap_or_default();
-                shortest[back] = shortest[back].min(edge.norm());
-            }
-        }
-        for (shift, shortest) in shifts.iter_mut().zip(shortest) {
-            let unit = shift.try_normalize(0.0).unwrap_or_default();
-            *shift = unit * distance.min(shortest / 3.0);
-        }
-        shifts
-    }
-
+impl Backs<'_> {
     /// Returns the motion that makes the layer behind the surface as thick as possible, at most `thickness` mm. `tree` is the tree of the
     /// surface.
     pub(super) fn fit(
@@ -184,6 +68,7 @@ impl<'a> Backs<'a> {
         let heights = Vec::new();
         let shifts = vec![Vector3::zeros(); self.first.len()];
         let mut motion = Motion { directions: self.directions(), heights, shifts };
+        self.lean_outward(&mut motion.directions, thickness);
         for _ in 0..SMOOTHINGS {
             progress.check()?;
             motion.heights = self.miters(&motion.directions, AIM * thickness);
@@ -229,29 +114,56 @@ impl<'a> Backs<'a> {
             true => (AIM * thickness - probe.distance) / probe.cosine.max(0.5),
             false => 0.0,
         };
-        let lacks = match vertices_only {
-            true => self.probe_backs(tree, motion).iter().map(lack).collect(),
-            false => {
-                let (of_backs, of_triangles) = self.probe(tree, motion);
-                let mut lacks: Vec<f64> = of_backs.iter().map(lack).collect();
-                for (triangle, probes) in self.triangles.iter().zip(of_triangles.chunks(PROBES)) {
-                    let most = probes.iter().map(lack).fold(0.0, f64::max);
-                    for &back in triangle {
-                        lacks[back as usize] = most.max(lacks[back as usize]);
-                    }
-                }
-                lacks
-            }
-        };
+        let lacks = self.lacks(tree, motion, lack, vertices_only);
         for (height, lack) in motion.heights.iter_mut().zip(&lacks) {
             *height = (*height + lack).min(MAX_HEIGHT * thickness);
         }
         lacks.iter().any(|lack| 0.0 < *lack)
     }
 
-    /// Returns the motion by `height` mm along the rays of the sensor of a capture, or else against the mean direction of the faces. A surface that is
-    /// seen whole from there does not fold, however rough it is.
-    pub(super) fn away(&self, height: f64) -> Motion {
+    /// Leans the directions at borders outward until the walls there enclose all places that are `thickness` mm behind the vertices nearby.
+    /// Such places are beyond an upright wall where the surface bends more tightly than the thickness.
+    fn lean_outward(&self, directions: &mut [Vector3<f64>], thickness: f64) {
+        let outward = self.shifts(1.0);
+        let neighbors = Lists::group(self.first.len(), || {
+            self.sides
+                .iter()
+                .flat_map(|side| [side.backs, [side.backs[1], side.backs[0]]])
+                .map(|[from, to]| (from, to))
+        });
+        let upright = directions.to_vec();
+        for (back, outward) in outward.iter().enumerate() {
+            let Some(outward) = outward.try_normalize(0.0) else { continue };
+            let up = upright[back] - outward * upright[back].dot(&outward);
+            let Some(up) = up.try_normalize(0.0) else { continue };
+            let start = upright[back].dot(&outward) / upright[back].dot(&up);
+            let mut lean = start;
+            let mut near = vec![back as u32];
+            let mut next = 0;
+            while let Some(&at) = near.get(next) {
+                next += 1;
+                let way = self.position(at as usize) - self.position(back);
+                let end = way + upright[at as usize] * thickness;
+                if MIN_COSINE * thickness < end.dot(&up) {
+                    lean = lean.max(end.dot(&outward) / end.dot(&up));
+                }
+                let others = neighbors.list(at as usize).iter().filter(|&&other| {
+                    let way = self.position(other as usize) - self.position(back);
+                    way.norm() < thickness && !near.contains(&other)
+                });
+                let others: Vec<u32> =
+                    others.copied().take(MAX_NEAR - near.len().min(MAX_NEAR)).collect();
+                near.extend(others);
+            }
+            if start < lean {
+                directions[back] = self.turn(back, up + outward * lean);
+            }
+        }
+    }
+
+    /// Returns the motion by `height` mm along the rays of the sensor of a capture, or else against the mean direction of the faces. A
+    /// surface that is seen whole from there does not fold, however rough it is.
+    fn away(&self, height: f64) -> Motion {
         let faces = self.mesh.faces().iter();
         let mean = -faces.map(|face| self.mesh.area_vector(face)).sum::<Vector3<f64>>();
         let count = self.first.len();
@@ -269,6 +181,45 @@ impl<'a> Backs<'a> {
             heights: vec![height; count],
             shifts: vec![Vector3::zeros(); count],
         }
+    }
+
+    /// Returns the motion along the rays of the sensor of a capture, see [`away`](Self::away), by which the moved faces are `thickness` mm
+    /// from the surface, as far as [`MAX_SLANT`] allows it; `None` if too many faces look away from the sensor.
+    pub(super) fn recede(
+        &self,
+        tree: &TriangleTree,
+        thickness: f64,
+        progress: &Progress<'_>,
+    ) -> Result<Option<Motion>, CancelledError> {
+        let mut motion = self.away(AIM * thickness);
+        let faces_away = |side: &&Side| {
+            let direction = motion.directions[side.backs[0] as usize];
+            0.0 <= self.normals[side.face as usize].dot(&direction)
+        };
+        let away: Vec<u32> =
+            self.sides.iter().filter(faces_away).map(|side| side.backs[0]).collect();
+        if MAX_AWAY * (self.sides.len() as f64) < away.len() as f64 {
+            return Ok(None);
+        }
+        for back in away {
+            let direction = motion.directions[back as usize];
+            motion.directions[back as usize] = self.turn(back as usize, direction);
+        }
+        for round in 0..RECESSIONS {
+            progress.check()?;
+            let slant = |probe: &Probe| match probe.distance < thickness {
+                true => (AIM * thickness - probe.distance) / probe.cosine.max(1.0 / MAX_SLANT),
+                false => 0.0,
+            };
+            let lacks = self.lacks(tree, &motion, slant, round < RECESSIONS / 2);
+            for (height, lack) in motion.heights.iter_mut().zip(&lacks) {
+                *height = (*height + lack).min(MAX_SLANT * thickness);
+            }
+            if RECESSIONS / 2 <= round && lacks.iter().all(|lack| *lack == 0.0) {
+                break;
+            }
+        }
+        Ok(Some(motion))
     }
 
     /// Returns for each back vertex the direction backwards: the mean of the normals of its faces, by angle, reversed, and turned until all
@@ -418,7 +369,7 @@ impl<'a> Backs<'a> {
     }
 
     /// Reduces the heights of the given back vertices, and of those beside them that would be much higher.
-    fn retreat(&self, heights: &mut [f64], mut is_tight: Vec<bool>) {
+    pub(super) fn retreat(&self, heights: &mut [f64], mut is_tight: Vec<bool>) {
         for (height, _) in heights.iter_mut().zip(&is_tight).filter(|it| *it.1) {
             *height *= RETREAT;
         }
@@ -440,209 +391,4 @@ impl<'a> Backs<'a> {
             }
         }
     }
-
-    fn probe_backs(&self, tree: &TriangleTree, motion: &Motion) -> Vec<Probe> {
-        self.probe_points(tree, &self.moved(motion), |k| motion.directions[k])
-    }
-
-    /// Measures the distance of the moved faces from the surface: at each back vertex, and at [`PROBES`] points of each triangle.
-    fn probe(&self, tree: &TriangleTree, motion: &Motion) -> (Vec<Probe>, Vec<Probe>) {
-        let moved = self.moved(motion);
-        let points = self.triangles.iter().flat_map(|triangle| {
-            let [a, b, c] = triangle.map(|back| moved[back as usize]);
-            let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
-            [center(&a, &b), center(&b, &c), center(&c, &a), middle]
-        });
-        let of_triangles = self.probe_points(tree, &points.collect::<Vec<_>>(), |k| {
-            let triangle = self.triangles[k / PROBES];
-            let sum: Vector3<f64> =
-                triangle.iter().map(|&back| motion.directions[back as usize]).sum();
-            sum.try_normalize(0.0).unwrap_or_default()
-        });
-        (self.probe_backs(tree, motion), of_triangles)
-    }
-
-    fn probe_points(
-        &self,
-        tree: &TriangleTree,
-        points: &[Point3<f64>],
-        direction: impl Fn(usize) -> Vector3<f64>,
-    ) -> Vec<Probe> {
-        let nearest = tree.nearest_to_all(points).into_iter().zip(points).enumerate();
-        nearest
-            .map(|(k, (nearest, at))| {
-                let way = nearest.map_or(Vector3::zeros(), |it| at - it.position(self.mesh));
-                let distance = way.norm();
-                let cosine = way.try_normalize(0.0).unwrap_or_default().dot(&direction(k));
-                Probe { distance, cosine }
-            })
-            .collect()
-    }
-
-    /// Returns the faces behind which a layer is thinner than `thickness` mm: the moved face is too near, or a ray straight inwards from the
-    /// face leaves the layer too early. Rays that leave it by a wall at a border do not count.
-    pub(super) fn thin_faces(
-        &self,
-        tree: &TriangleTree,
-        motion: &Motion,
-        layer: &Mesh,
-        thickness: f64,
-    ) -> Vec<u32> {
-        let mut is_thin = vec![false; self.mesh.faces().len()];
-        let (of_backs, of_triangles) = self.probe(tree, motion);
-        let of_layer = TriangleTree::new(layer);
-        let face_of_triangle = (0..self.mesh.faces().len())
-            .flat_map(|face| std::iter::repeat_n(face, self.mesh.faces().face(face).len() - 2));
-        let triangles =
-            self.triangles.iter().zip(of_triangles.chunks(PROBES)).zip(face_of_triangle);
-        let triangles: Vec<_> = triangles.collect();
-        let thin: Vec<bool> = triangles
-            .par_iter()
-            .map(|((triangle, probes), face)| {
-                let corners = triangle.iter().map(|&back| &of_backs[back as usize]);
-                corners.chain(*probes).any(|probe| probe.distance < thickness)
-                    || self.is_thin_behind(&of_layer, **triangle, *face, thickness)
-            })
-            .collect();
-        for (&(_, face), thin) in triangles.iter().zip(thin) {
-            is_thin[face] |= thin;
-        }
-        (0..is_thin.len() as u32).filter(|&face| is_thin[face as usize]).collect()
-    }
-
-    /// Returns true if a ray from the triangle straight inwards leaves the layer before `thickness`.
-    fn is_thin_behind(
-        &self,
-        layer: &TriangleTree,
-        triangle: [u32; 3],
-        face: usize,
-        thickness: f64,
-    ) -> bool {
-        let corners = triangle.map(|back| self.position(back as usize));
-        let middle = Point3::from(corners.iter().map(|at| at.coords).sum::<Vector3<f64>>() / 3.0);
-        let inward = -self.normals[face];
-        let starts = [middle].into_iter().chain(corners.map(|at| center(&at, &middle)));
-        let first_wall = 2 * self.mesh.faces().len() as u32;
-        starts.into_iter().any(|start| {
-            let hit = layer.first_hit(start + inward * (1e-6 * thickness), inward);
-            hit.is_some_and(|hit| hit.face < first_wall && hit.along < thickness * (1.0 - 1e-5))
-        })
-    }
-
-    /// Returns the closed layer between the surface, or its motion by `front`, and its motion by `back`. Heights are reduced until the layer
-    /// does not intersect itself.
-    ///
-    /// # Errors
-    /// Returns an error if the surface intersects itself, or folds over itself at a vertex.
-    pub(super) fn settle(
-        &self,
-        front: &mut Option<Motion>,
-        back: &mut Motion,
-        progress: &Progress<'_>,
-    ) -> Result<Mesh, Error> {
-        for round in 0..SETTLINGS {
-            progress.tick(round as f64 / SETTLINGS as f64)?;
-            let layer = self.layer(front.as_ref(), back)?;
-            let crossing = layer.crossings(|| progress.check())?;
-            if crossing.is_empty() {
-                return Ok(layer);
-            }
-            let faces = self.mesh.faces().len() as u32;
-            let mut is_tight = [vec![false; self.first.len()], vec![false; self.first.len()]];
-            for [a, b] in crossing {
-                // The first faces of the layer are those of the surface, which do not move.
-                if front.is_none() && b < faces || round + 1 == SETTLINGS {
-                    let at = layer.first_triangle_center(layer.faces().face(a as usize));
-                    bail!(
-                        "the surface intersects itself or folds over itself near ({:.3}, {:.3}, {:.3}); use `Smooth` there, or `Reconstruct` to make one surface of it",
-                        at.x,
-                        at.y,
-                        at.z
-                    );
-                }
-                for face in [a, b] {
-                    let (of_front, of_back) = self.backs_of(face);
-                    of_front.iter().for_each(|&back| is_tight[0][back as usize] = true);
-                    of_back.iter().for_each(|&back| is_tight[1][back as usize] = true);
-                }
-            }
-            let [of_front, of_back] = is_tight;
-            if let Some(front) = front {
-                self.retreat(&mut front.heights, of_front);
-            }
-            self.retreat(&mut back.heights, of_back);
-        }
-        unreachable!("the last round returns")
-    }
-
-    /// Returns the back vertices of the front and of the back of a face of a layer.
-    fn backs_of(&self, face: u32) -> (Vec<u32>, Vec<u32>) {
-        let count = self.mesh.faces().len();
-        fn backs(face: usize, of_corner: &[u32], mesh: &Mesh) -> Vec<u32> {
-            let first = mesh.faces().first_corner(face);
-            of_corner[first..first + mesh.faces().face(face).len()].to_vec()
-        }
-        match face as usize {
-            face if face < count => (backs(face, &self.of_corner, self.mesh), Vec::new()),
-            face if face < 2 * count => {
-                (Vec::new(), backs(face - count, &self.of_corner, self.mesh))
-            }
-            face => {
-                let side = self.borders[(face - 2 * count) / 2];
-                let backs = self.sides[side as usize].backs.to_vec();
-                (backs.clone(), backs)
-            }
-        }
-    }
-
-    /// Returns the layer: its front, its back, and two triangles for each side of a border.
-    fn layer(&self, front: Option<&Motion>, back: &Motion) -> Result<Mesh, Error> {
-        let mesh = self.mesh;
-        let faces = mesh.faces();
-        let mut layer = match front {
-            None => ExtendedMesh::new(mesh),
-            Some(_) => ExtendedMesh::without_elements(mesh),
-        };
-        let front: Vec<u32> = match front {
-            None => (0..self.first.len()).map(|back| self.vertex(back)).collect(),
-            Some(front) => {
-                let moved = self.moved(front).into_iter().enumerate();
-                moved.map(|(back, at)| layer.add_vertex(at, self.vertex(back))).collect()
-            }
-        };
-        let back: Vec<u32> = {
-            let moved = self.moved(back).into_iter().enumerate();
-            moved.map(|(back, at)| layer.add_vertex(at, self.vertex(back))).collect()
-        };
-        fn corners(face: usize, faces: &maquette_value::Faces) -> std::ops::Range<u32> {
-            let first = faces.first_corner(face);
-            first as u32..(first + faces.face(face).len()) as u32
-        }
-        let place =
-            |of: &[u32], corner: u32| [of[self.of_corner[corner as usize] as usize], corner];
-        if !layer.has_faces() {
-            for face in 0..faces.len() {
-                layer.add_face(
-                    corners(face, faces).map(|corner| place(&front, corner)),
-                    face as u32,
-                );
-            }
-        }
-        for face in 0..faces.len() {
-            layer.add_face(
-                corners(face, faces).rev().map(|corner| place(&back, corner)),
-                face as u32,
-            );
-        }
-        for side in self.borders.iter().map(|&side| &self.sides[side as usize]) {
-            let [a, b] = side.corners;
-            let wall = [place(&front, b), place(&front, a), place(&back, a), place(&back, b)];
-            layer.add_face([0, 1, 2].map(|k: usize| wall[k]), side.face);
-            layer.add_face([0, 2, 3].map(|k: usize| wall[k]), side.face);
-        }
-        Ok(layer.mesh()?)
-    }
 }
-
-/// Number of points inside of a triangle at which its distance from the surface is measured.
-const PROBES: usize = 4;

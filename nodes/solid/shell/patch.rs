@@ -7,8 +7,8 @@ use maquette_node::{Error, Progress};
 use maquette_value::{Mesh, TriangleTree};
 use nalgebra::Point3;
 
+use super::backs::{Backs, Motion};
 use super::behind::Behind;
-use super::layer::{Backs, Motion};
 use crate::combine::boolean;
 use crate::offset::{Clip, offset_surface};
 use crate::operation::Operation;
@@ -23,6 +23,16 @@ const DISTANCE_FACTOR: f64 = 1.06;
 
 /// Fraction of the thickness that a layer must have to need no addition.
 const ENOUGH: f64 = 0.99;
+
+/// Fraction of the faces with a layer that is too thin, from which on a surface is too rough for a layer along its normals.
+const ROUGH: f64 = 0.25;
+
+/// Number of faces of the added volume per thin area of a cell's side, if the whole surface is thin.
+const FACES_OF_CELL: f64 = 20.0;
+
+/// Maximum number of faces of the added volume, as a multiple of those of the surface, and at least.
+const MAX_GROWTH: f64 = 8.0;
+const MAX_ADDED: f64 = 240_000.0;
 
 /// Distance in cells by which the added volume extends beyond the front of the surface, where it is cut off.
 const BEYOND: f64 = 0.75;
@@ -54,15 +64,20 @@ pub(super) fn one_sided(
         Ok(layer) => layer,
         // Some vertices of a rough scan have no direction that all of their faces look away from.
         Err(why) => {
-            motion = backs.away(thickness);
-            let layer =
-                progress.part(0.3..0.4, |progress| backs.settle(&mut None, &mut motion, progress));
-            progress.check()?;
-            layer.map_err(|_| why)?
+            return recede(&backs, &tree, thickness, progress)?.map(|it| it.0).ok_or(why);
         }
     };
     let thin = backs.thin_faces(&tree, &motion, &layer, ENOUGH * thickness);
     if thin.is_empty() {
+        return Ok(layer);
+    }
+    if (ROUGH * mesh.faces().len() as f64) < thin.len() as f64 {
+        let receded = recede(&backs, &tree, thickness, progress)?;
+        if let Some((receded, _)) = receded.filter(|it| 2 * it.1 < thin.len()) {
+            return Ok(receded);
+        }
+    }
+    if !is_small(mesh, &thin, thickness / CELLS) {
         return Ok(layer);
     }
     let cell = thickness / CELLS;
@@ -115,6 +130,31 @@ pub(super) fn one_sided(
     })
 }
 
+/// Returns true if the volume within the thickness of the given faces, which is made on a grid with cells of `cell` mm, has at most
+/// [`MAX_GROWTH`] times as many faces as the mesh, or [`MAX_ADDED`].
+fn is_small(mesh: &Mesh, thin: &[u32], cell: f64) -> bool {
+    let areas = thin.iter().map(|&face| mesh.area_vector(mesh.faces().face(face as usize)).norm());
+    let cells = areas.sum::<f64>() / 2.0 / (cell * cell);
+    FACES_OF_CELL * cells <= (MAX_GROWTH * mesh.faces().len() as f64).max(MAX_ADDED)
+}
+
+/// Returns the layer behind a surface along the rays of its sensor, and the number of faces at which it is too thin; `None` if the surface
+/// is not seen whole from there.
+fn recede(
+    backs: &Backs<'_>,
+    tree: &TriangleTree,
+    thickness: f64,
+    progress: &Progress<'_>,
+) -> Result<Option<(Mesh, usize)>, Error> {
+    let motion = progress.part(0.3..0.35, |progress| backs.recede(tree, thickness, progress))?;
+    let Some(mut motion) = motion else { return Ok(None) };
+    let layer = progress.part(0.35..0.4, |progress| backs.settle(&mut None, &mut motion, progress));
+    progress.check()?;
+    let Ok(layer) = layer else { return Ok(None) };
+    let thin = backs.thin_faces(tree, &motion, &layer, ENOUGH * thickness).len();
+    Ok(Some((layer, thin)))
+}
+
 /// Returns the shell of the given thickness around a surface, with half of it on each side.
 ///
 /// # Errors
@@ -144,7 +184,7 @@ pub(super) fn two_sided(
     }
     thin.sort_unstable();
     thin.dedup();
-    if thin.is_empty() {
+    if thin.is_empty() || !is_small(mesh, &thin, half / CELLS) {
         return Ok(layer);
     }
     let behind = Behind::new(mesh, &tree)?;

@@ -21,6 +21,7 @@ fn check(mesh: &Mesh, thickness: f64, side: Side, most_thin: f64) -> Mesh {
     let edges = shell.edges();
     assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
     assert_eq!(shell.crossings(|| Progress::silent().check()).unwrap(), Vec::<[u32; 2]>::new());
+    let thin = thin.map_or(0, |it| it.count);
     assert!(
         thin as f64 <= most_thin * shell.faces().len() as f64,
         "{thin} of {}",

@@ -2,6 +2,8 @@
 
 use maquette_value::rng::Random;
 
+use crate::random_rays::{percentile, walls};
+
 use super::*;
 
 /// Returns a grid of `rows` x `columns` cells. `place` is called with two numbers from 0 to 1; the faces look to the side from which these
@@ -52,13 +54,14 @@ fn cap(angle: f64) -> Mesh {
     Mesh::new(positions, Faces::triangles(faces)).unwrap()
 }
 
-fn shapes(rng: &mut Random) -> Vec<(&'static str, Mesh)> {
+/// Returns ten surfaces. One has waves with a length in the given range, in mm.
+fn shapes(rng: &mut Random, waves: [f64; 2]) -> Vec<(&'static str, Mesh)> {
     fn number(low: f64, high: f64, rng: &mut Random) -> f64 {
         low + (high - low) * rng.even()
     }
     let (sin, cos) = (libm::sin, libm::cos);
     let whole = |_: f64, _: f64| false;
-    let (phase, long) = (number(0.0, 6.0, rng), number(13.0, 18.0, rng));
+    let (phase, long) = (number(0.0, 6.0, rng), number(waves[0], waves[1], rng));
     let bumps: [f64; 8] = std::array::from_fn(|_| number(0.0, 6.0, rng));
     fn bumpy(u: f64, v: f64, sin: fn(f64) -> f64, cos: fn(f64) -> f64, bumps: [f64; 8]) -> f64 {
         let waves = (0..4).map(|k: usize| {
@@ -147,39 +150,13 @@ fn shapes(rng: &mut Random) -> Vec<(&'static str, Mesh)> {
     ]
 }
 
-/// Returns the 1st percentile of the thickness of a shell at random places of a surface, measured by rays straight inwards.
-fn thinnest(shell: &Mesh, surface: &Mesh, rng: &mut Random, rays: usize) -> f64 {
-    let tree = TriangleTree::new(shell);
-    let triangles = surface.triangles();
-    let mut sum = 0.0;
-    let areas: Vec<f64> = triangles
-        .iter()
-        .map(|face| {
-            sum += surface.area_vector(face).norm();
-            sum
-        })
-        .collect();
-    let mut walls: Vec<f64> = (0..rays)
-        .filter_map(|_| {
-            let at = sum * rng.even();
-            let face = &triangles[areas.partition_point(|area| *area < at).min(areas.len() - 1)];
-            let [a, b, c] = [0, 1, 2].map(|k| surface.positions()[face[k] as usize]);
-            let (u, v) = (rng.even(), rng.even());
-            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-            let inward = -surface.area_vector(face).try_normalize(0.0)?;
-            let start = a + (b - a) * u + (c - a) * v + inward * 1e-7;
-            Some(tree.first_hit(start, inward).map_or(0.0, |hit| hit.along))
-        })
-        .collect();
-    walls.sort_by(f64::total_cmp);
-    walls[walls.len() / 100]
-}
-
 /// Checks the shells of all shapes on one side: closed, without self-intersections, thick enough, with few faces, and with the vertices of
 /// the surface.
 fn check_side(side: Side) {
     let mut rng = Random(70);
-    for (name, surface) in shapes(&mut rng) {
+    // On both sides of the middle, waves that are shorter have the material of a grid, without the faces of the layer.
+    let waves = if side == Side::Middle { [13.0, 18.0] } else { [8.0, 12.0] };
+    for (name, surface) in shapes(&mut rng, waves) {
         let (shell, _) = shell(&surface, 2.0, side, &Progress::silent()).unwrap();
         let edges = shell.edges();
         assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2), "{name}");
@@ -191,7 +168,7 @@ fn check_side(side: Side) {
             // The first faces of the layer are those of the surface, moved to the front.
             Side::Middle => shell.select(&Vec::from_iter(0..surface.faces().len() as u32)),
         };
-        let least = thinnest(&shell, &front, &mut rng, 10_000);
+        let least = percentile(&walls(&shell, &front, &mut rng, 10_000), 0.01);
         assert!(0.97 * 2.0 <= least, "{name}: {least}");
         if side != Side::Middle {
             assert_eq!(shell.positions()[..surface.positions().len()], surface.positions()[..]);
