@@ -35,8 +35,15 @@ impl<'a> Original<'a> {
         let faces = Faces::triangles(mesh.triangles().into_owned());
         let edges = faces.edges();
         let crowded = edges.faces.iter().filter(|&&faces| 2 < faces).count();
-        if crowded > 0 {
-            bail!("{crowded} edges have more than two faces: the mesh is not a surface there");
+        if let Some(first) = edges.faces.iter().position(|&faces| 2 < faces) {
+            let [a, b] = edges.vertices[first].map(|end| mesh.positions()[end as usize]);
+            let at = nalgebra::center(&a, &b);
+            bail!(
+                "{crowded} edges have more than two faces, first near ({:.3}, {:.3}, {:.3}): the mesh is not a surface there; remove the extra faces",
+                at.x,
+                at.y,
+                at.z
+            );
         }
         if edges.misoriented > 0 {
             bail!(

@@ -157,7 +157,7 @@ fn non_manifold_meshes_are_refused_and_empty_ones_stay() {
     let fan = of(&[[0, 1, 2], [1, 0, 3], [0, 1, 4]]);
     assert_eq!(
         run(&fan, 0.5, 40.0).unwrap_err().to_string(),
-        "1 edges have more than two faces: the mesh is not a surface there"
+        "1 edges have more than two faces, first near (0.500, 0.000, 0.000): the mesh is not a surface there; remove the extra faces"
     );
     assert_eq!(
         run(&of(&[[0, 1, 2], [0, 1, 3]]), 0.5, 40.0).unwrap_err().to_string(),
