@@ -59,8 +59,8 @@ pub enum CurvatureMethod {
     /// The curvature of the subdivision surface: exact where it is regular.
     #[default]
     Limit,
-    /// From the angles of the mesh's faces, with the directions of `Fit`. At borders, the curvature is that of a cubic surface that is fitted
-    /// to the neighboring vertices; it is `unknown` if its error may be larger than 15 %.
+    /// From the angles of the mesh's faces, with the directions of `Fit`. At borders, from a quadratic and a cubic surface that are fitted
+    /// to the neighboring vertices; `unknown` if their curvatures differ by more than 15 %.
     Mesh,
     /// The curvature of a quadratic surface that is fitted to the neighboring vertices.
     Fit,

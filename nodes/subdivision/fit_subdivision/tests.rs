@@ -285,8 +285,8 @@ fn flat_thing(corners: u32, hole: f64, thickness: f64, levels: u32) -> Mesh {
     fine.with_creases(Vec::new()).unwrap()
 }
 
-/// `Simplify` leaves long thin triangles on flat faces, whose control points no distance determines. The surface neither runs through itself
-/// nor folds where that of the start does not.
+/// `Simplify` leaves long thin triangles on flat faces, whose control points no distance determines. The surface does not run through
+/// itself, and has no more folds than that of the start.
 fn check_flat_things(members: std::ops::Range<u32>) {
     let mut crossings = Vec::new();
     for member in members {
