@@ -267,7 +267,7 @@ fn reconstruct_with_warnings(
         }
     }
     if skin.quads.is_empty() {
-        return Err(no_surface_error(options, pieces.distance));
+        return Err(no_surface_error(options, &pieces));
     }
     let faces = skin.faces(options.faces == FaceKind::Quads)?;
     let mesh = Mesh::new(skin.positions.clone(), faces)?.with_frame(frame);
@@ -455,11 +455,15 @@ fn too_few_error(count: usize) -> Error {
     ))
 }
 
-/// Returns the error for a result without faces; `distance` is the spacing of the points in mm.
-fn no_surface_error(options: &Options, distance: f64) -> Error {
+/// Returns the error for a result without faces.
+fn no_surface_error(options: &Options, pieces: &Pieces) -> Error {
     let Options { spacing, reach, .. } = options;
+    let distance = pieces.distance;
     let least = PER_DISTANCE * distance;
-    let cause = if *spacing > 0.0 && *spacing < least {
+    let has_planes = pieces.surfels.iter().any(|surfel| surfel.normal != Vector3::zeros());
+    let cause = if !has_planes {
+        "they are too few to show where the surface is; add points, or vertices to a mesh by `Remesh`".into()
+    } else if *spacing > 0.0 && *spacing < least {
         format!(
             "`spacing` is {spacing} mm, but that of the points about {distance:.3} mm: choose at least {least:.3}, or 0"
         )
