@@ -62,8 +62,9 @@ impl Node for Smooth {
         let size = diagonal(mesh);
         if MAX_LENGTH_RATIO * size < self.length {
             cx.warn(format!(
-                "`length` is {} mm, and the mesh {size:.0} mm large: its shape is lost, too",
-                self.length
+                "`length` is {} mm, and the mesh {size:.3e} mm large: its shape is lost, too; choose at most {:.3e}, or 0",
+                self.length,
+                MAX_LENGTH_RATIO * size
             ));
         }
         Ok((smooth(mesh, self.length, self.keep_borders, cx.progress())?,))

@@ -32,6 +32,7 @@ mod relax;
 mod surfels;
 #[cfg(test)]
 mod tests;
+mod thin;
 
 /// Reconstructs one surface from points: of a cloud, of captures taken from several sides, of the vertices of meshes, or of all together.
 ///
@@ -134,7 +135,10 @@ impl Node for Reconstruct {
         let known = sources.iter().filter(|source| pose(source).is_some()).count();
         if self.poses == Poses::Auto && 0 < known && known < sources.len() {
             let all = sources.len();
-            cx.warn(format!("only {known} of {all} sources have a pose, so that none is moved"));
+            let first = 1 + sources.iter().position(|source| pose(source).is_none()).unwrap_or(0);
+            cx.warn(format!(
+                "only {known} of {all} sources have a pose, not source {first}, so that none is moved; `poses: Ignore` says that this is right"
+            ));
         }
         let result = reconstruct_with_warnings(&sources, self.poses, &self.how, cx.progress())?;
         result.warnings.into_iter().for_each(|warning| cx.warn(warning));
@@ -230,11 +234,16 @@ fn reconstruct_with_warnings(
     let (poses, frame) = place_sources(sources, poses)?;
     let count: usize = sources.iter().map(count).sum();
     POINTS.check("the surface", count as f64)?;
-    let cloud = Cloud::new(sources, &poses, options.normals == Normals::Given);
+    let mut cloud = Cloud::new(sources, &poses, options.normals == Normals::Given);
+    let origin = cloud.move_to_origin();
     let pieces = collect_pieces(&cloud, options, progress)?;
     let mut warnings = doubts::about_points(&pieces);
-    let field = progress.part(0.3..0.7, |progress| {
-        Field::solve(&pieces.pyramid, &pieces.surfels, options.screening, progress)
+    let field = progress.part(0.3..0.7, |progress| match pieces.is_thin {
+        false => Field::solve(&pieces.pyramid, &pieces.surfels, options.screening, progress),
+        true => {
+            let surfels = thin::divide(&pieces.pyramid, &pieces.surfels);
+            Field::solve(&pieces.pyramid, &surfels, options.screening, progress)
+        }
     })?;
     let skin_depth = pieces.skin_depth;
     let mut skin = progress.part(0.7..0.8, |progress| contour(&field, skin_depth, progress))?;
@@ -244,20 +253,24 @@ fn reconstruct_with_warnings(
     if options.spacing > 0.0 {
         let missed = progress
             .part(0.9..0.97, |progress| fit::fit(&mut skin, &pieces, &cloud, &net, progress))?;
-        warnings.extend(doubts::about_thin_parts(missed, options.spacing));
+        let Pieces { gap, .. } = pieces;
+        warnings.extend(doubts::about_thin_parts(missed, options.spacing, gap, &origin));
     }
     let mut supported = relax::find_supported(&skin, &pieces, options.reach);
     relax::drop_chance(&mut skin, &mut supported);
-    if options.skin == SkinKind::Open {
-        relax::remove_unsupported(&mut skin, &mut supported);
+    match options.skin {
+        SkinKind::Open => relax::remove_unsupported(&mut skin, &mut supported),
+        SkinKind::Closed if cloud.has_sides() => {}
+        SkinKind::Closed => {
+            let warning = doubts::about_filled_parts(&skin, &supported, pieces.gap, &origin);
+            warnings.extend(warning);
+        }
     }
     if skin.quads.is_empty() {
-        bail!(
-            "no surface is left near the points: their normals are inconsistent, or `reach` or `spacing` is unsuitable for them"
-        );
+        return Err(no_surface_error(options, &pieces));
     }
-    let mesh = Mesh::new(skin.positions.clone(), skin.faces(options.faces == FaceKind::Quads)?)?
-        .with_frame(frame);
+    let faces = skin.faces(options.faces == FaceKind::Quads)?;
+    let mesh = Mesh::new(skin.positions.clone(), faces)?.with_frame(frame);
     warnings.extend(doubts::about_parts(&mesh, &relax::parts(&skin)));
     let mesh = match &cloud.colors {
         Some(colors) => {
@@ -267,6 +280,12 @@ fn reconstruct_with_warnings(
             mesh.with_vertex("color", Attribute::Color(colors.into()))?
         }
         None => mesh,
+    };
+    let mesh = if origin == Vector3::zeros() {
+        mesh
+    } else {
+        let positions = mesh.positions().iter().map(|at| at + origin).collect();
+        mesh.with_positions(positions)?
     };
     if supported.iter().all(|&is_supported| is_supported) {
         return Ok(Reconstruction { mesh, warnings });
@@ -367,28 +386,55 @@ fn collect_pieces(
     progress.tick(0.02)?;
     let given = options.spacing > 0.0;
     let edge = if given { options.spacing } else { PER_DISTANCE * distance };
-    let mut halvings = if given { count_halvings(edge, FINEST * distance) } else { 0 };
-    let mut pyramid =
-        Pyramid::new(cloud, cube(&cloud.positions, edge, halvings)?, GAP * edge, progress)?;
+    let halvings = if given { count_halvings(edge, FINEST * distance) } else { 0 };
+    let mut grid = Grid { edge, halvings };
+    let mut pyramid = grid.pyramid(cloud, progress)?;
     progress.tick(0.06)?;
     let (mut flat, mut noise) = pyramid.flat_depth();
-    let coarser = if given {
-        let noisy = count_halvings(edge, PER_NOISE * noise).min(halvings);
-        (noisy < halvings).then_some((edge, noisy))
+    let gap = thin::find_gap(&pyramid, cloud, flat);
+    // Opposite sides in one neighborhood are not noise.
+    noise = gap.map_or(noise, |gap| noise.min(gap.noise));
+    let width = gap.map_or(f64::INFINITY, |gap| gap.width);
+    let largest = width / thin::RESOLVED;
+    let is_thin = largest < edge && !given;
+    let noisy_edge = (PER_NOISE * noise).min(largest);
+    let better = if given {
+        Grid { edge, halvings: count_halvings(edge, noisy_edge).min(halvings) }
+    } else if is_thin || noisy_edge > 1.1 * edge {
+        Grid { edge: if is_thin { largest } else { noisy_edge }, halvings: 0 }
     } else {
-        (PER_NOISE * noise > 1.1 * edge).then_some((PER_NOISE * noise, 0))
+        grid
     };
-    if let Some((edge, fewer)) = coarser {
-        halvings = fewer;
-        pyramid =
-            Pyramid::new(cloud, cube(&cloud.positions, edge, halvings)?, GAP * edge, progress)?;
+    if better != grid {
+        grid = better;
+        pyramid = grid.pyramid(cloud, progress)?;
+        pyramid.thickness = gap.map(|_| width / pyramid.cube.edge);
         (flat, noise) = pyramid.flat_depth();
+        noise = gap.map_or(noise, |gap| noise.min(gap.noise));
+        if is_thin {
+            flat = thin::flat_depth(&pyramid.cube, flat);
+        }
     }
+    pyramid.thickness = gap.map(|_| width / pyramid.cube.edge);
     let mut surfels =
         progress.part(0.1..0.2, |progress| surfels(&pyramid, cloud, flat, progress))?;
-    progress.part(0.2..0.3, |progress| orient::orient(&pyramid, &mut surfels, progress))?;
-    let skin_depth = pyramid.cube.depth - halvings;
-    Ok(Pieces { pyramid, surfels, noise, distance, skin_depth })
+    progress.part(0.2..0.3, |progress| orient::orient(&pyramid, &mut surfels, width, progress))?;
+    let skin_depth = pyramid.cube.depth - grid.halvings;
+    Ok(Pieces { pyramid, surfels, noise, distance, skin_depth, gap, is_thin })
+}
+
+/// A grid of cells: the edge length of the result's cells in mm, and the number of times that they are halved.
+#[derive(Clone, Copy, PartialEq)]
+struct Grid {
+    edge: f64,
+    halvings: u32,
+}
+
+impl Grid {
+    fn pyramid(self, cloud: &Cloud, progress: &Progress<'_>) -> Result<Pyramid, Error> {
+        let cube = cube(&cloud.positions, self.edge, self.halvings)?;
+        Ok(Pyramid::new(cloud, cube, GAP * self.edge, progress)?)
+    }
 }
 
 /// Minimum distance of two sheets of the surface, in edges of the result.
@@ -407,6 +453,28 @@ fn too_few_error(count: usize) -> Error {
     Error::new(format!(
         "there are only {count} different points, but a surface needs at least {MIN_POINTS}"
     ))
+}
+
+/// Returns the error for a result without faces.
+fn no_surface_error(options: &Options, pieces: &Pieces) -> Error {
+    let Options { spacing, reach, .. } = options;
+    let distance = pieces.distance;
+    let least = PER_DISTANCE * distance;
+    let has_planes = pieces.surfels.iter().any(|surfel| surfel.normal != Vector3::zeros());
+    let cause = if !has_planes {
+        "they are too few to show where the surface is; add points, or vertices to a mesh by `Remesh`".into()
+    } else if *spacing > 0.0 && *spacing < least {
+        format!(
+            "`spacing` is {spacing} mm, but that of the points about {distance:.3} mm: choose at least {least:.3}, or 0"
+        )
+    } else if options.normals == Normals::Given {
+        format!(
+            "their normals are inconsistent, or they are farther from each other than `reach`, {reach}: try `normals: Estimated`, or a larger `reach`"
+        )
+    } else {
+        format!("they are farther from each other than `reach`, {reach}: choose a larger one")
+    };
+    Error::new(format!("no surface is left near the points: {cause}"))
 }
 
 /// Returns the error for coordinates whose squares would overflow or underflow.

@@ -12,6 +12,7 @@ mod angle_bending;
 mod at_limit;
 mod bending;
 mod bent_mesh;
+mod border_fit;
 mod curvature_ramp;
 mod discrete;
 
@@ -58,7 +59,8 @@ pub enum CurvatureMethod {
     /// The curvature of the subdivision surface: exact where it is regular.
     #[default]
     Limit,
-    /// From the angles of the mesh's faces. The directions, and the curvature at borders, are those of `Fit`.
+    /// From the angles of the mesh's faces, with the directions of `Fit`. At borders, from a quadratic and a cubic surface that are fitted
+    /// to the neighboring vertices; `unknown` if their curvatures differ by more than 15 %.
     Mesh,
     /// The curvature of a quadratic surface that is fitted to the neighboring vertices.
     Fit,
@@ -124,10 +126,13 @@ pub fn curvature(
     if method == CurvatureMethod::Mesh {
         let is_at_border = border_vertices(mesh);
         let angles = angle_bending::bend_independent(&triangles, &flat);
+        let mut at_borders = border_fit::fit_borders(mesh, &flat, &is_at_border).into_iter();
         for ((bending, angles), is_at_border) in bending.iter_mut().zip(angles).zip(is_at_border) {
-            let fit = bending.filter(|_| angles.area > 0.0);
-            *bending =
-                if is_at_border { fit } else { fit.map(|fit| fit.replace_curvatures(angles)) };
+            *bending = match is_at_border {
+                true => at_borders.next().flatten(),
+                false => bending.map(|fit| fit.replace_curvatures(angles)),
+            };
+            *bending = bending.filter(|_| angles.area > 0.0);
         }
     }
     for (vertex, supports) in flat.dependent() {

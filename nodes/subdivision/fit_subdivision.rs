@@ -18,12 +18,13 @@ mod local;
 mod moves;
 mod net;
 mod scan;
+mod stiffness;
 mod surroundings;
 
 /// Fits a Loop subdivision surface to points by moving its control points.
 ///
 /// Start with a dense mesh of the points, reduced by `Simplify` or, with even triangles, by `Remesh`. Smoothing acts across the surface
-/// only. Where the surface would fold over, control points stay near their start. Creases and borders stay
+/// only. Where the surface would fold over, it keeps the shape of its start. Creases and borders stay
 /// sharp, so that the surface is piecewise smooth. With `moves: ByEnergy()` the faces change, too: vertices are removed where the surface
 /// is simple and added where it is not, edges become sharp or smooth as the scan requires, and a smooth part that would fold at the corner
 /// of a hole is divided by a sharp edge. Points farther from the mesh than two edges of the control mesh are ignored: they belong to parts
@@ -121,9 +122,12 @@ impl Node for FitSubdivision {
             }
             (Moves::ByEnergy(_), _) => bail!("{NO_SURFACE}"),
         };
-        if 0 < fitted.left_out {
+        if let Some(at) = fitted.first_left_out {
             let (count, all) = (fitted.left_out, points.len());
-            cx.warn(format!("{count} of {all} points are too far from the mesh and were ignored"));
+            cx.warn(format!(
+                "{count} of {all} points are more than two edges from the mesh and were ignored, first ({:.3}, {:.3}, {:.3})",
+                at.x, at.y, at.z
+            ));
         }
         if let Some(&first) = fitted.folds.first() {
             let corner = fitted.mesh.faces().face(first as usize)[0];

@@ -74,7 +74,8 @@ impl Node for InterpolateSurface {
 /// symmetric, so `Solver::Pcg` works on `A A^T`.
 ///
 /// If all points of the first or last row or column coincide within the tolerance, the row or column is a pole. Its control points are then
-/// one point, which they share exactly, because control points that differ by the tolerance would turn normals over.
+/// one point, which they share exactly, because control points that differ by the tolerance would turn normals over. If the first and last
+/// row or column are the same, so are their control points, so that the surface is closed at its seam.
 ///
 /// Some points have several surfaces with `foot: Closest`. If the control points of the one found are farther outside of the points' bounding
 /// box than its diagonal, the surface of `foot: Vertex` is returned instead, which swings least.
@@ -91,6 +92,7 @@ pub fn interpolate_surface(
     options.check()?;
     let surfaces = NetSurfaces::new(net, order)?;
     let Poles { points, fixed } = Poles::new(net, options.tolerance);
+    let seams = Seams::new(net, options.tolerance);
     let mut feet = Feet::new(&surfaces, &points, options.foot);
     let solution = control_points(
         &points,
@@ -108,7 +110,7 @@ pub fn interpolate_surface(
     let found = solution
         .ok_or_else(|| surfaces.undetermined())?
         .outcome
-        .try_map(&points, |control| surfaces.surface(control))?;
+        .try_map(&points, |control| surfaces.surface(seams.close(control)))?;
     if found.reach <= MAX_REACH || options.is_linear() {
         return Ok(found);
     }
@@ -194,6 +196,39 @@ impl Poles {
             }
         }
         Self { points, fixed }
+    }
+}
+
+/// The control points at the seams of a closed net, whose first and last row or column are the same points within the tolerance.
+struct Seams {
+    /// The indices of points of a last line, and of those of the first line at the same place.
+    pairs: Vec<[usize; 2]>,
+    /// The maximum distance of control points that become one, in mm.
+    within: f64,
+}
+
+impl Seams {
+    fn new(net: &ControlNet, tolerance: f64) -> Self {
+        let (rows, columns, points) = (net.rows(), net.columns(), net.points());
+        let within = absolute_tolerance(tolerance, points);
+        let last_row = (rows - 1) * columns;
+        let of_rows: Vec<_> = (0..columns).map(|k| [last_row + k, k]).collect();
+        let of_columns: Vec<_> = (0..rows).map(|k| [(k + 1) * columns - 1, k * columns]).collect();
+        let seams = [of_rows, of_columns].into_iter().filter(|pairs| {
+            pairs.iter().all(|pair| (points[pair[0]] - points[pair[1]]).norm() <= within)
+        });
+        // The solution meets the points within the tolerance, and its control points may be farther away than the points.
+        Self { pairs: seams.flatten().collect(), within: 100.0 * within }
+    }
+
+    /// Makes control points at a seam equal if they differ by no more than the solution's errors.
+    fn close(&self, mut control: Vec<Point3<f64>>) -> Vec<Point3<f64>> {
+        for &[last, first] in &self.pairs {
+            if (control[last] - control[first]).norm() <= self.within {
+                control[last] = control[first];
+            }
+        }
+        control
     }
 }
 
@@ -523,6 +558,10 @@ mod tests {
                 let how = Interpolation { solver, tolerance, ..Interpolation::default() };
                 let found = interpolate_net(net, [4, 4], &how);
                 assert!(found.settled);
+                // The net is closed, and so is the surface.
+                for row in found.shape.net().points().chunks(net.columns()) {
+                    assert_eq!(row[0], row[row.len() - 1]);
+                }
                 let mesh = found.shape.tessellate_open(30, 60).unwrap();
                 let normals = mesh.vertex().vectors("normal").unwrap();
                 // Every vertex has the side of the normals of its row: outside, seen from the axis halfway up.

@@ -35,10 +35,9 @@ impl<'a> Original<'a> {
         let faces = Faces::triangles(mesh.triangles().into_owned());
         let edges = faces.edges();
         let crowded = edges.faces.iter().filter(|&&faces| 2 < faces).count();
-        if crowded > 0 {
-            let first = edges.faces.iter().position(|&faces| 2 < faces).unwrap_or_default();
-            let [a, b] = edges.vertices[first];
-            let at = nalgebra::center(&mesh.positions()[a as usize], &mesh.positions()[b as usize]);
+        if let Some(first) = edges.faces.iter().position(|&faces| 2 < faces) {
+            let [a, b] = edges.vertices[first].map(|end| mesh.positions()[end as usize]);
+            let at = nalgebra::center(&a, &b);
             bail!(
                 "{crowded} edges have more than two faces, the first one at ({:.3}, {:.3}, {:.3}): the mesh is not a surface there; use `Solid(base: Keep, repair: Voxels())` or `Reconstruct` to make one of it",
                 at.x,

@@ -68,13 +68,11 @@ impl<'a> Sheet<'a> {
     /// Returns for each point the nearest point on the wall of the triangle with the same index in `starts`. `None` if the distance
     /// overflows.
     pub(super) fn land(&self, points: &[Point3<f64>], starts: &[u32]) -> Vec<Option<Landing>> {
-        let found = self.tree.nearest_to_all(points);
-        (0..points.len())
+        self.feet(points, starts)
             .into_par_iter()
             .with_min_len(256)
-            .map(|index: usize| {
-                let (foot, has_nearer_wall) =
-                    self.choose(points[index], starts[index], found[index].as_ref()?);
+            .map(|foot| {
+                let (foot, has_nearer_wall) = foot?;
                 let [a, b, c] = self.places(foot.triangle);
                 let (ab, ac) = (b - a, c - a);
                 let place = a + ab * foot.barycentric[1] + ac * foot.barycentric[2];
@@ -86,17 +84,15 @@ impl<'a> Sheet<'a> {
 
     /// Returns the same points as [`land`](Self::land). A point whose distance overflows gets the first face.
     pub(super) fn nearest(&self, points: &[Point3<f64>], starts: &[u32]) -> Vec<NearestPoint> {
-        let found = self.tree.nearest_to_all(points);
-        (0..points.len())
+        self.feet(points, starts)
             .into_par_iter()
             .with_min_len(256)
-            .map(|index: usize| {
-                let Some(nearest) = &found[index] else {
+            .map(|foot| {
+                let Some((foot, _)) = foot else {
                     let barycentric = [1.0, 0.0, 0.0];
                     let (distance_sq, corners) = (f64::INFINITY, [0; 3]);
                     return NearestPoint { distance_sq, face: 0, corners, barycentric };
                 };
-                let (foot, _) = self.choose(points[index], starts[index], nearest);
                 NearestPoint {
                     distance_sq: foot.square,
                     face: self.parents[foot.triangle as usize],
@@ -107,9 +103,26 @@ impl<'a> Sheet<'a> {
             .collect()
     }
 
-    /// Returns the nearest point on the wall of a triangle, and true if the nearest point of the whole surface is on another wall.
-    fn choose(&self, point: Point3<f64>, start: u32, nearest: &NearestPoint) -> (Foot, bool) {
-        let own = self.walk(point, start);
+    /// Returns for each point the nearest point on the wall of its start triangle, and true if the nearest point of the whole surface is on
+    /// another wall. `None` if the distance overflows.
+    fn feet(&self, points: &[Point3<f64>], starts: &[u32]) -> Vec<Option<(Foot, bool)>> {
+        let walks = points.par_iter().zip(starts).with_min_len(256);
+        let own: Vec<Foot> =
+            walks.map(|(&point, &start): (&Point3<f64>, &u32)| self.walk(point, start)).collect();
+        let squares: Vec<f64> = own.iter().map(|foot| foot.square).collect();
+        let nearer = self.tree.nearest_below(points, &squares);
+        own.par_iter()
+            .zip(&nearer)
+            .with_min_len(256)
+            .map(|(&own, nearer): (&Foot, &Option<NearestPoint>)| match nearer {
+                Some(nearer) => Some(self.choose(own, nearer)),
+                None => own.square.is_finite().then_some((own, false)),
+            })
+            .collect()
+    }
+
+    /// Chooses between the end of a walk and the nearest point of the whole surface. Returns true as well if the latter is on another wall.
+    fn choose(&self, own: Foot, nearest: &NearestPoint) -> (Foot, bool) {
         let first = self.parents.partition_point(|&parent| parent < nearest.face);
         let triangle = self.corners[first..].iter().position(|it| *it == nearest.corners);
         let global = Foot {

@@ -26,15 +26,19 @@ pub(super) fn refine(
         triangles.iter().map(|(_, corners)| net.near[corners[0] as usize]).collect();
     let landings = original.sheet.land(&places, &starts);
     let has_near_walls = landings.iter().flatten().any(|landing| landing.has_nearer_wall);
-    if !has_near_walls || !original.mesh.crossings(|| progress.check())?.is_empty() {
+    if !has_near_walls {
         return Ok(());
     }
-    for _ in 0..MAX_HALVINGS {
+    for round in 0..MAX_HALVINGS {
         let triangles = net.triangles();
         let faces = triangles.iter().map(|(_, corners)| *corners).collect();
         let mesh = Mesh::new(net.places.clone(), Faces::triangles(faces))?;
         let crossing = mesh.crossings(|| progress.check())?;
         if crossing.is_empty() {
+            break;
+        }
+        // Crossings of the original surface itself remain.
+        if round == 0 && !original.mesh.crossings(|| progress.check())?.is_empty() {
             break;
         }
         let crossing: BTreeSet<u32> = crossing.into_iter().flatten().collect();

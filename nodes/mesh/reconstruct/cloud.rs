@@ -1,7 +1,7 @@
 //! The points of a reconstruction, with their normals and, where known, the directions to the sensor.
 
 use maquette_base::scattered::Scattered;
-use maquette_value::{Attribute, Attributes, Column, Mesh, Points, RangeImage, Rgb};
+use maquette_value::{Attribute, Attributes, Column, Mesh, Points, RangeImage, Rgb, bounds};
 use nalgebra::{Matrix4, Point3, Vector3};
 
 /// The points of several sources in one coordinate system.
@@ -23,6 +23,12 @@ const CONFIDENCE: &str = "confidence";
 
 /// Minimum weight of a point; lower weights are raised to it, since a mean needs positive weights.
 const MIN_WEIGHT: f64 = 1e-6;
+
+/// Minimum distance from the origin, in extents of the points, from which the points are moved.
+const FAR: f64 = 1000.0;
+
+/// Maximum distance from the origin, in mm, so that squares do not overflow.
+const MAX_DISTANCE: f64 = 1e100;
 
 impl Cloud {
     /// Collects the points of all sources. Each source is moved by its pose, unless that is `None`. Normals are dropped unless `normals` is
@@ -52,6 +58,21 @@ impl Cloud {
             cloud.normals.fill(Vector3::zeros());
         }
         cloud
+    }
+
+    /// Moves the points near the origin if they are far away, compared with their extent, and returns their distance from where they were.
+    /// The differences of coordinates stay exact, and sums and squares of coordinates keep all digits.
+    pub(super) fn move_to_origin(&mut self) -> Vector3<f64> {
+        let (low, high) = bounds(self.positions.iter()).unwrap_or_default();
+        let far = low.coords.amax().max(high.coords.amax());
+        let size = (high - low).amax();
+        let is_far = far > FAR * size && size > 0.0 && far < MAX_DISTANCE;
+        if !is_far {
+            return Vector3::zeros();
+        }
+        let middle = nalgebra::center(&low, &high).coords;
+        self.positions.iter_mut().for_each(|at| *at -= middle);
+        middle
     }
 
     /// Returns true if the normal of a point, or the direction to its sensor, is known.

@@ -101,7 +101,7 @@ fn mean_value(field: &Field, place: CellIndex, depth: u32) -> f64 {
         let at = [k % steps, k / steps % steps, k / steps / steps]
             .map(|step| (f64::from(step) + 0.5) / f64::from(steps) - 0.5);
         let at = [0, 1, 2].map(|axis| (f64::from(place[axis]) + at[axis]) * scale);
-        field.value_and_gradient(at, last, last + 1).0
+        field.value(at, last, last + 1)
     });
     values.sum::<f64>() / f64::from(count)
 }

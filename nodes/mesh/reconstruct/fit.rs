@@ -62,27 +62,27 @@ impl Equation {
     }
 }
 
-/// Moves the vertices so that the skin has the least squared distance from the points. Returns the fraction of the points that are farther
-/// than half an edge from the skin before the last round.
+/// Moves the vertices so that the skin has the least squared distance from the points. Returns the points that the skin misses before the
+/// last round.
 pub(super) fn fit(
     skin: &mut Skin,
     pieces: &Pieces,
     cloud: &Cloud,
     net: &[Point3<f64>],
     progress: &Progress<'_>,
-) -> Result<f64, Error> {
+) -> Result<Missed, Error> {
     if skin.quads.is_empty() {
-        return Ok(0.0);
+        return Ok(Missed::default());
     }
     let edge = pieces.pyramid.cube.edge_at(pieces.skin_depth);
     let (points, targets) = targets(pieces, cloud, edge, skin.positions.len());
     let neighbors = Neighbors::new(skin);
     let stiffness = stiffness(pieces, edge);
-    let mut missed = 0.0;
+    let mut missed = Missed::default();
     for round in 0..ROUNDS {
         let mesh = Mesh::new(skin.positions.clone(), skin.faces(false)?)?;
         let nearest = TriangleTree::new(&mesh).nearest_to_all(&points);
-        missed = missed_fraction(&nearest, edge);
+        missed = Missed::new(&points, &nearest, edge);
         let equations = equations(&mesh, &nearest, &points, &targets, edge);
         progress.tick((round as f64 + 0.5) / ROUNDS as f64)?;
         let system = System::new(&equations, &neighbors, stiffness);
@@ -166,10 +166,27 @@ fn targets(
     (points, targets)
 }
 
-/// Returns the fraction of points that are farther than half an edge from their nearest point of the skin.
-fn missed_fraction(nearest: &[Option<NearestPoint>], edge: f64) -> f64 {
-    let far = nearest.iter().flatten().filter(|near| near.distance_sq > 0.25 * edge * edge);
-    far.count() as f64 / nearest.len().max(1) as f64
+/// Points that are farther than half an edge from the skin.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Missed {
+    /// The fraction of all points.
+    pub(super) fraction: f64,
+    pub(super) farthest: Option<Point3<f64>>,
+}
+
+impl Missed {
+    fn new(points: &[Point3<f64>], nearest: &[Option<NearestPoint>], edge: f64) -> Self {
+        let (mut count, mut most) = (0, 0.25 * edge * edge);
+        let (limit, mut farthest) = (most, None);
+        for (point, near) in points.iter().zip(nearest) {
+            let square = near.as_ref().map_or(0.0, |near| near.distance_sq);
+            count += usize::from(square > limit);
+            if square > most {
+                (most, farthest) = (square, Some(*point));
+            }
+        }
+        Self { fraction: count as f64 / nearest.len().max(1) as f64, farthest }
+    }
 }
 
 /// Returns the equations of those points whose nearest face belongs to their sheet of the surface.
@@ -227,12 +244,13 @@ impl<'a> System<'a> {
         (0..self.neighbors.len())
             .into_par_iter()
             .map(|vertex: usize| {
-                let own = self.of_vertices.list(vertex).iter();
-                own.map(|&(number, k)| {
+                let mut sum = Vector3::zeros();
+                for &(number, k) in self.of_vertices.list(vertex) {
                     let equation = &self.equations[number as usize];
-                    equation.normal * (equation.shares[usize::from(k)] * values[number as usize])
-                })
-                .sum()
+                    let value = equation.shares[usize::from(k)] * values[number as usize];
+                    sum += equation.normal * value;
+                }
+                sum
             })
             .collect()
     }
@@ -244,8 +262,10 @@ impl<'a> System<'a> {
         let places = 0..moves.len();
         sums.par_iter_mut().zip(places).for_each(|(sum, vertex): (&mut Vector3<f64>, usize)| {
             let own = moves[vertex];
-            let near = self.neighbors.neighbors(vertex).iter();
-            let springs: Vector3<f64> = near.map(|&other| own - moves[other as usize]).sum();
+            let mut springs = Vector3::zeros();
+            for &other in self.neighbors.neighbors(vertex) {
+                springs += own - moves[other as usize];
+            }
             *sum += springs * self.stiffness + own * (1e-3 * self.stiffness);
         });
         sums

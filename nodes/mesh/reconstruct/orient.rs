@@ -23,18 +23,26 @@ use super::surfels::{Pyramid, Surfel, place};
 const CHEAP: f64 = 0.1;
 const LONGEST: f64 = 1.5;
 
+/// Maximum length of an edge inside of a patch, in distances of opposite sides: from 3.2 on, edges from one side to the other are cheap.
+/// Noise makes some of them shorter, so that their length across the surface is limited, too.
+const LONGEST_BESIDE: f64 = 3.0;
+const LONGEST_ACROSS: f64 = 0.5;
+
 /// Orients the normals of all surfels outward. Surfels with a known orientation keep it, and decide about their patch. Patches that are not
-/// connected to a known orientation are oriented such that the outermost normals point outward.
+/// connected to a known orientation are oriented such that the outermost normals point outward. `gap` is the distance in mm of the opposite
+/// sides of thin parts, or infinite.
 pub(super) fn orient(
     pyramid: &Pyramid,
     surfels: &mut [Surfel],
+    gap: f64,
     progress: &Progress<'_>,
 ) -> Result<(), CancelledError> {
     if surfels.iter().all(|surfel| surfel.is_sided || surfel.normal == Vector3::zeros()) {
         return Ok(());
     }
     let mut signs = Signs::new(surfels.len());
-    join_cheap_edges(surfels, &neighbors(pyramid, surfels), &mut signs, progress)?;
+    let neighbors = neighbors(pyramid, surfels, gap);
+    join_cheap_edges(surfels, &neighbors, gap, &mut signs, progress)?;
     progress.tick(0.4)?;
     let votes = votes(surfels, &mut signs);
     progress.tick(0.8)?;
@@ -61,12 +69,15 @@ pub(super) fn orient(
 pub(super) fn opposed_fraction(pyramid: &Pyramid, surfels: &[Surfel]) -> f64 {
     let step = surfels.len().div_ceil(SAMPLES).max(1);
     let (mut all, mut opposed) = (0, 0);
-    for surfel in surfels.iter().step_by(step) {
+    for surfel in surfels.iter().step_by(step).filter(|surfel| surfel.is_sided) {
         let cells = &pyramid.finest().cells;
         for other in cells.neighbors(place(&pyramid.cube, &surfel.at, pyramid.cube.depth)) {
             let other = &surfels[other];
+            if !other.is_sided || surfel.at == other.at {
+                continue;
+            }
             let (cost, agrees) = bend(surfel, other);
-            if surfel.is_sided && other.is_sided && cost < CHEAP && surfel.at != other.at {
+            if cost < CHEAP {
                 all += 1;
                 opposed += usize::from(!agrees);
             }
@@ -118,6 +129,7 @@ impl Signs {
 fn join_cheap_edges(
     surfels: &[Surfel],
     neighbors: &Lists,
+    gap: f64,
     signs: &mut Signs,
     progress: &Progress<'_>,
 ) -> Result<(), CancelledError> {
@@ -128,10 +140,13 @@ fn join_cheap_edges(
             let after = neighbors.list(from).iter().filter(move |&&to| from < to as usize);
             after.filter_map(move |&to| {
                 let [from_surfel, to_surfel] = [&surfels[from], &surfels[to as usize]];
-                let longest = LONGEST * from_surfel.reach.max(to_surfel.reach);
+                let longest =
+                    (LONGEST * from_surfel.reach.max(to_surfel.reach)).min(LONGEST_BESIDE * gap);
                 let (cost, agrees) = bend(from_surfel, to_surfel);
+                let way = to_surfel.on_plane - from_surfel.on_plane;
+                let across = from_surfel.normal.dot(&way).abs();
                 let is_cheap =
-                    cost < CHEAP && (to_surfel.on_plane - from_surfel.on_plane).norm() < longest;
+                    cost < CHEAP && way.norm() < longest && across < LONGEST_ACROSS * gap;
                 is_cheap.then_some(((cost as f32).to_bits(), from as u32, to, agrees))
             })
         })
@@ -259,9 +274,12 @@ fn way(from: &Surfel, to: &Surfel) -> (Vector3<f64>, f64) {
 /// Distance below which the direction between two surfels is not used, as a fraction of the size of their neighborhoods.
 const BLUR: f64 = 0.1;
 
-/// Returns the edges between neighboring surfels, in both directions, without duplicates.
-fn neighbors(pyramid: &Pyramid, surfels: &[Surfel]) -> Lists {
+/// Returns the edges between neighboring surfels, in both directions, without duplicates. `gap` is the distance of opposite sides in mm.
+fn neighbors(pyramid: &Pyramid, surfels: &[Surfel], gap: f64) -> Lists {
     let cube = &pyramid.cube;
+    let finest = cube.depth;
+    // In larger cells, most edges would be too long.
+    let least = (0..finest).find(|&depth| cube.edge_at(depth) <= 2.0 * gap).unwrap_or(finest);
     let mut neighbors: Vec<Vec<u32>> = surfels
         .par_iter()
         .enumerate()
@@ -269,8 +287,9 @@ fn neighbors(pyramid: &Pyramid, surfels: &[Surfel]) -> Lists {
             if surfel.normal == Vector3::zeros() {
                 return Vec::new();
             }
-            let layer = &pyramid.layers[surfel.depth as usize];
-            let cells = layer.cells.neighbors(place(cube, &surfel.at, surfel.depth));
+            let depth = surfel.depth.max(least);
+            let layer = &pyramid.layers[depth as usize];
+            let cells = layer.cells.neighbors(place(cube, &surfel.at, depth));
             let all = cells.map(|cell| layer.finest[cell]);
             all.filter(|&to| to as usize != from && surfels[to as usize].normal != Vector3::zeros())
                 .collect()

@@ -125,29 +125,35 @@ impl Field {
 
     /// Returns the function at a node of a depth, summed over the grids of depths less than `end`.
     pub(super) fn at_node(&self, place: CellIndex, depth: u32, end: u32) -> f64 {
-        self.value_and_gradient(place.map(f64::from), depth, end).0
+        self.value(place.map(f64::from), depth, end)
+    }
+
+    /// Returns the value of the function at a position given in cells of a depth, summed over the grids of depths less than `end`.
+    pub(super) fn value(&self, at: [f64; 3], depth: u32, end: u32) -> f64 {
+        self.sample(at, depth, end).map_or(0.0, |sample| trilinear(&sample.corners, sample.within))
     }
 
     /// Returns the value and the gradient of the function at a position given in cells of a depth, summed over the grids of depths less
     /// than `end`. The gradient is per cell of the given depth.
-    pub(super) fn value_and_gradient(
-        &self,
-        at: [f64; 3],
-        depth: u32,
-        end: u32,
-    ) -> (f64, Vector3<f64>) {
-        for from in (0..end).rev() {
+    fn value_and_gradient(&self, at: [f64; 3], depth: u32, end: u32) -> (f64, Vector3<f64>) {
+        let Some(Sample { corners, within, scale }) = self.sample(at, depth, end) else {
+            return (0.0, Vector3::zeros());
+        };
+        (trilinear(&corners, within), gradient(&corners, within) * scale)
+    }
+
+    /// Returns the values from which the function is interpolated at a position: those of the finest grid of a depth less than `end` that
+    /// has nodes there. `None` if there is no such grid.
+    fn sample(&self, at: [f64; 3], depth: u32, end: u32) -> Option<Sample> {
+        (0..end).rev().find_map(|from| {
             let grid = &self.grids[from as usize];
             let scale = libm::scalbn(1.0, from as i32 - depth as i32);
             let at = at.map(|x| x * scale);
             let cell = self.cube.cell(at, from);
-            if let Some(corners) = grid.nodes.corners(cell) {
-                let values = corners.map(|node| grid.values[node]);
-                let within = [0, 1, 2].map(|axis| at[axis] - f64::from(cell[axis]));
-                return (trilinear(&values, within), gradient(&values, within) * scale);
-            }
-        }
-        (0.0, Vector3::zeros())
+            let corners = grid.nodes.corners(cell)?.map(|node| grid.values[node]);
+            let within = [0, 1, 2].map(|axis| at[axis] - f64::from(cell[axis]));
+            Some(Sample { corners, within, scale })
+        })
     }
 
     /// Returns the value of the function at a point, and its gradient there in 1/mm, on the grids up to a depth.
@@ -158,19 +164,35 @@ impl Field {
     }
 }
 
+/// The values at the corners of a cell, and a position in the cell.
+struct Sample {
+    corners: [f64; 8],
+    /// The position, from 0 to 1 along each axis.
+    within: [f64; 3],
+    /// The number of cells of this size per cell of the requested depth.
+    scale: f64,
+}
+
 fn trilinear(values: &[f64; 8], within: [f64; 3]) -> f64 {
     corner_weights(within).iter().zip(values).map(|(weight, value)| weight * value).sum()
 }
 
+/// Returns the gradient of the trilinear function, per cell: along each axis, the difference between its values on two sides of the cell.
 fn gradient(values: &[f64; 8], within: [f64; 3]) -> Vector3<f64> {
-    Vector3::from_fn(|axis, _| {
-        let [low, high] = [0.0, 1.0].map(|x| {
-            let mut at = within;
-            at[axis] = x;
-            trilinear(values, at)
-        });
-        high - low
-    })
+    let [x, y, z] = within.map(|x| [1.0 - x, x]);
+    let mut difference = Vector3::zeros();
+    for (axis, [a, b]) in [[y, z], [x, z], [x, y]].into_iter().enumerate() {
+        // The corners of the side through the cell's first corner; the next axes change the lower and the higher bit.
+        let (low, high) = ([2, 1, 1][axis], [4, 4, 2][axis]);
+        let weights = [a[0] * b[0], a[1] * b[0], a[0] * b[1], a[1] * b[1]];
+        let [mut first, mut last] = [0.0; 2];
+        for (corner, weight) in [0, low, high, low + high].into_iter().zip(weights) {
+            first += weight * values[corner];
+            last += weight * values[corner + (1 << axis)];
+        }
+        difference[axis] = last - first;
+    }
+    difference
 }
 
 /// The sums over the surfels in a cell of one depth.

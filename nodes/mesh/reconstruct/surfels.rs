@@ -64,7 +64,9 @@ pub(super) struct Pyramid {
     pub(super) starts: Vec<u32>,
     /// Minimum distance of two parallel sheets, in finest cells; nearer ones count as one noisy sheet. Infinite where the sides of the points
     /// are known, as sheets that face the same side are scans that do not fit together.
-    min_gap: f64,
+    pub(super) min_gap: f64,
+    /// The distance of the opposite sides of thin parts, in finest cells, if it is known.
+    pub(super) thickness: Option<f64>,
 }
 
 /// Returns the points sorted by their cells: the cell of each point, as a sort key, and the index of the point.
@@ -125,7 +127,7 @@ impl Pyramid {
         }
         layers.reverse();
         let min_gap = if cloud.has_sides() { f64::INFINITY } else { min_gap / cube.edge };
-        Ok(Self { cube, layers, order, starts, min_gap })
+        Ok(Self { cube, layers, order, starts, min_gap, thickness: None })
     }
 
     pub(super) fn finest(&self) -> &Layer {
@@ -133,7 +135,7 @@ impl Pyramid {
     }
 
     /// Returns weighted sums around a position, given in finest cells: the moments, and the number of points whose weight is not 0.
-    fn sums_around(&self, at: [f64; 3], depth: u32) -> (Moments, f64) {
+    pub(super) fn sums_around(&self, at: [f64; 3], depth: u32) -> (Moments, f64) {
         let layer = &self.layers[depth as usize];
         let scale = 1.0 / f64::from(1_u32 << (self.cube.depth - depth));
         let place = self.cube.cell(at.map(|x| x * scale), depth);
@@ -176,10 +178,27 @@ impl Pyramid {
         normals
             .iter()
             .find_map(|normal| self.plane_of(&self.sums_of_sheet(at, depth, normal)?, depth))
+            .or_else(|| self.plane_of_noisy_sheet(at, depth, &normals))
             .or(plane)
     }
 
-    fn plane_of(&self, sums: &Moments, depth: u32) -> Option<Plane> {
+    /// Returns the plane of the nearer one of two sheets whose distance is known, from a neighborhood of twice the size, in which noise is
+    /// averaged better.
+    fn plane_of_noisy_sheet(
+        &self,
+        at: [f64; 3],
+        depth: u32,
+        normals: &[Vector3<f64>],
+    ) -> Option<Plane> {
+        self.thickness?;
+        let larger = depth.checked_sub(1)?;
+        let sums = normals.iter().find_map(|normal| self.sums_of_sheet(at, larger, normal))?;
+        let plane = self.plane_of(&sums, depth)?;
+        // As many points as the neighborhood of this depth would have.
+        Some(Plane { weight: plane.weight / 4.0, ..plane })
+    }
+
+    pub(super) fn plane_of(&self, sums: &Moments, depth: u32) -> Option<Plane> {
         let eigen = sums.covariance().try_symmetric_eigen(f64::EPSILON, 1000)?;
         let mut order = [0, 1, 2];
         order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
@@ -226,8 +245,8 @@ impl Pyramid {
         let weighted = heights
             .iter()
             .map(|&(height, weight, cell)| (height, weight * layer.moments[cell].count));
-        let split = split(weighted, self.min_gap)?;
-        let (below, above) = heights.split_at(split);
+        let split = split(weighted).filter(|split| self.are_sheets(split))?;
+        let (below, above) = heights.split_at(split.lower);
         let threshold = (below[below.len() - 1].0 + above[0].0) / 2.0;
         let own = if threshold < 0.0 { above } else { below };
         let (mut sums, mut count) = (Moments::default(), 0.0);
@@ -236,6 +255,15 @@ impl Pyramid {
             count += layer.moments[cell].count;
         }
         (count >= MIN_SHEET_POINTS).then_some(sums)
+    }
+
+    /// Returns true if two classes of heights are two sheets. Where the distance of sheets is known, noise may fill the gap between them.
+    fn are_sheets(&self, split: &Split) -> bool {
+        let is_known = self.thickness.is_some_and(|thickness| {
+            let ratio = split.gap / thickness;
+            split.between > NOISY_SHEETS && SAME_GAP < ratio && ratio * SAME_GAP < 1.0
+        });
+        is_known || split.between > TWO_SHEETS && split.gap >= self.min_gap
     }
 
     /// Returns the depth at which most neighborhoods are flat, and the deviation of the points from the surface, in mm.
@@ -291,37 +319,55 @@ const MIN_PLANE_POINTS: f64 = 9.0;
 /// Points count as collinear if the second largest of their principal variances is less than this fraction of the largest.
 const LINE: f64 = 0.02;
 
-/// Returns the number of heights in the lower one of two classes; `None` if the heights do not form two classes whose means differ by at least
-/// `min_gap`. The heights are ascending, each with a weight.
-fn split(heights: impl Iterator<Item = (f64, f64)> + Clone, min_gap: f64) -> Option<usize> {
+/// Two classes of heights.
+pub(super) struct Split {
+    /// The number of heights in the lower class.
+    pub(super) lower: usize,
+    /// The difference between the means of the classes.
+    pub(super) gap: f64,
+    /// The fraction of the variance that is between the classes.
+    pub(super) between: f64,
+    /// The standard deviation inside of the classes.
+    pub(super) deviation: f64,
+}
+
+/// Divides heights into the two classes with the largest variance between them; `None` if all heights are equal or there are too few. The
+/// heights are ascending, each with a weight.
+pub(super) fn split(heights: impl Iterator<Item = (f64, f64)> + Clone) -> Option<Split> {
     let (all, sum, squares) =
         heights.clone().fold((0.0, 0.0, 0.0), |(all, sum, squares), (x, w)| {
             (all + w, sum + w * x, squares + w * x * x)
         });
     let variance = squares / all - (sum / all) * (sum / all);
     let (mut below, mut sum_below) = (0.0, 0.0);
-    let mut best = (0, 0.0, 0.0);
-    for (number, (x, weight)) in heights.enumerate() {
+    let mut best = Split { lower: 0, gap: 0.0, between: 0.0, deviation: 0.0 };
+    for (lower, (x, weight)) in heights.enumerate() {
         let above = all - below;
         if SMALLEST_SHEET * all < below && SMALLEST_SHEET * all < above {
-            let apart = (sum - sum_below) / above - sum_below / below;
-            let between = below * above * apart * apart / (all * all);
-            if between > best.1 {
-                best = (number, between, apart);
+            let gap = (sum - sum_below) / above - sum_below / below;
+            let between = below * above * gap * gap / (all * all * variance);
+            if between > best.between {
+                let deviation = (variance * (1.0 - between)).max(0.0).sqrt();
+                best = Split { lower, gap, between, deviation };
             }
         }
         below += weight;
         sum_below += weight * x;
     }
-    let (number, between, apart) = best;
-    (between > TWO_SHEETS * variance && apart >= min_gap).then_some(number)
+    (best.between > 0.0).then_some(best)
 }
 
 /// Minimum standard deviation of the heights of two sheets, as a fraction of their distance, if the smaller sheet has a tenth of the points.
 const SMALLEST_DEVIATION: f64 = 0.3;
 
 /// Minimum fraction of the variance of the heights that is between two sheets.
-const TWO_SHEETS: f64 = 0.82;
+pub(super) const TWO_SHEETS: f64 = 0.82;
+
+/// Minimum fraction of the variance that is between two sheets of known distance; with noise of a third of the distance, it is 0.69.
+const NOISY_SHEETS: f64 = 0.7;
+
+/// Minimum ratio of two distances of sheets that count as equal.
+const SAME_GAP: f64 = 0.75;
 
 /// Minimum fraction of the points that is in each of two sheets.
 const SMALLEST_SHEET: f64 = 0.1;
@@ -344,8 +390,8 @@ const SAMPLES: usize = 4096;
 /// Maximum number of times the resolution is halved in search of a plane.
 const COARSEST: u32 = 6;
 
-struct Plane {
-    normal: Vector3<f64>,
+pub(super) struct Plane {
+    pub(super) normal: Vector3<f64>,
     middle: Point3<f64>,
     /// The variances along the principal axes, ascending, in squared finest cells.
     spread: [f64; 3],

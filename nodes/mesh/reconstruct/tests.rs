@@ -319,6 +319,8 @@ fn clouds_without_a_surface_are_errors() {
     assert!(error(plane.collect(), &options).contains("plane"));
     let far = (0..9).map(|k: i32| Point3::new(1e300 * f64::from(k), 1.0, f64::from(k * k)));
     assert!(error(far.collect(), &options).contains("too far"));
+    let corners = (0..8).map(|k: i32| Point3::from([k & 1, k >> 1 & 1, k >> 2].map(f64::from)));
+    assert!(error(corners.collect(), &options).contains("too few to show"));
     let tiny = Options { spacing: 1e-9, ..options };
     assert!(error(sphere(100, 0.0), &tiny).contains("cells along a side"));
     for spacing in [f64::NAN, -1.0, f64::INFINITY] {

@@ -18,7 +18,7 @@ impl Neighbors {
     }
 
     /// As [`new`](Self::new), but with each dependent vertex replaced by the one on which it depends most.
-    fn of_independent(edges: &Edges, vertices: usize, flat: &FlatFaces) -> Self {
+    pub(super) fn of_independent(edges: &Edges, vertices: usize, flat: &FlatFaces) -> Self {
         if flat.is_empty() {
             return Self::new(edges, vertices);
         }
@@ -45,6 +45,17 @@ impl Neighbors {
         }
         found.retain(|&other| other != vertex);
         found
+    }
+
+    /// Returns the positions of the vertices in the [`neighborhood`](Self::neighborhood) of a vertex.
+    pub(super) fn positions_around(
+        &self,
+        mesh: &Mesh,
+        vertex: u32,
+        least: usize,
+    ) -> Vec<Point3<f64>> {
+        let near = self.neighborhood(vertex, least);
+        near.iter().map(|&other| mesh.positions()[other as usize]).collect()
     }
 }
 
@@ -79,7 +90,7 @@ pub(super) fn triangulate_polygons(mesh: &Mesh) -> Result<Mesh, MeshError> {
 }
 
 /// The minimum number of points for fitting a quadratic surface.
-const MIN_POINTS: usize = 6;
+pub(super) const MIN_POINTS: usize = 6;
 
 /// Computes the curvature at the vertices of a mesh from quadratic surfaces fitted to the vertices' neighborhoods; `None` for a vertex
 /// whose neighborhood does not determine a quadratic surface, and for dependent vertices.
@@ -101,9 +112,7 @@ pub(super) fn fit_quadrics(
             Ok(vertices
                 .iter()
                 .map(|&vertex| {
-                    let near = neighbors.neighborhood(vertex, MIN_POINTS);
-                    let around: Vec<_> =
-                        near.iter().map(|&other| mesh.positions()[other as usize]).collect();
+                    let around = neighbors.positions_around(mesh, vertex, MIN_POINTS);
                     let middle = mesh.positions()[vertex as usize];
                     Bending::of_points(middle, normals[vertex as usize], &around)
                 })
@@ -115,7 +124,7 @@ pub(super) fn fit_quadrics(
 
 /// Returns vectors along the normals of the vertices. Dependent vertices have none; the vertices on which they depend have those of their
 /// faces, too.
-fn normals(mesh: &Mesh, flat: &FlatFaces) -> Vec<Vector3<f64>> {
+pub(super) fn normals(mesh: &Mesh, flat: &FlatFaces) -> Vec<Vector3<f64>> {
     if flat.is_empty() {
         return mesh.vertex_normals();
     }

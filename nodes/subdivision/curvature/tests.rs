@@ -398,3 +398,82 @@ fn the_curvature_at_borders_is_right_or_unknown() {
         );
     }
 }
+
+type Patch = fn(f64, f64) -> Vector3<f64>;
+
+/// Returns a patch of a surface over the unit square, as a mesh of `n` by `n` uneven cells, and the parameters of its vertices.
+fn uneven_patch(patch: Patch, n: u32, seed: u64) -> (Mesh, Vec<[f64; 2]>) {
+    let mut random = maquette_value::rng::Random(seed);
+    let parameters: Vec<[f64; 2]> = (0..(n + 1) * (n + 1))
+        .map(|k| {
+            [k % (n + 1), k / (n + 1)].map(|step| {
+                let is_inside = 0 < step && step < n;
+                let shift = if is_inside { 0.5 * random.even() - 0.25 } else { 0.0 };
+                (f64::from(step) + shift) / f64::from(n)
+            })
+        })
+        .collect();
+    let positions = parameters.iter().map(|&[a, b]| Point3::from(patch(a, b)));
+    let faces = (0..n * n).map(|k| k / n * (n + 1) + k % n).flat_map(|a| {
+        let [b, c, d] = [a + 1, a + n + 2, a + n + 1];
+        if random.even() < 0.5 { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] }
+    });
+    let faces = maquette_value::Faces::triangles(faces.collect());
+    (Mesh::new(positions.collect::<Vec<_>>(), faces).unwrap(), parameters)
+}
+
+/// Returns the curvature of a patch, whose derivatives are computed by finite differences.
+fn patch_curvature(patch: Patch, [a, b]: [f64; 2]) -> Bending {
+    let step = 1e-4;
+    // The points of a grid of 3 by 3 around the point.
+    let [below, middle, above] =
+        [-step, 0.0, step].map(|right| [-step, 0.0, step].map(|up| patch(a + right, b + up)));
+    let [u, v] = [above[1] - below[1], middle[2] - middle[0]];
+    let uu = above[1] - middle[1] * 2.0 + below[1];
+    let vv = middle[2] - middle[1] * 2.0 + middle[0];
+    let uv = (above[2] - above[0] - below[2] + below[0]) / 4.0;
+    let seconds = [uu, uv, vv].map(|second| second / (step * step));
+    Bending::of_derivatives([u, v].map(|first| first / (2.0 * step)), seconds).unwrap()
+}
+
+#[test]
+fn the_curvature_at_borders_of_uneven_patches_is_right_or_unknown() {
+    fn height(a: f64, b: f64, z: impl Fn(f64, f64) -> f64) -> Vector3<f64> {
+        let [x, y] = [20.0 * a - 10.0, 20.0 * b - 10.0];
+        Vector3::new(x, y, z(x, y))
+    }
+    let patches: [(&str, Patch); 6] = [
+        ("saddle", |a, b| height(a, b, |x, y| (x * x - y * y) / 30.0)),
+        ("bowl", |a, b| height(a, b, |x, y| (x * x + y * y) / 25.0)),
+        ("trough", |a, b| height(a, b, |x, _| x * x / 20.0)),
+        ("wave", |a, b| height(a, b, |x, _| libm::sin(x / 3.0))),
+        ("ball", |a, b| {
+            let [turn, tilt] = [4.0 * a, 1.3 * b - 0.4];
+            let radius = 12.0 * libm::cos(tilt);
+            Vector3::new(radius * libm::cos(turn), radius * libm::sin(turn), 12.0 * libm::sin(tilt))
+        }),
+        ("torus", |a, b| {
+            let [turn, tilt] = [1.2 * a, 2.0 + 2.4 * b];
+            let radius = 20.0 + 6.0 * libm::cos(tilt);
+            Vector3::new(radius * libm::cos(turn), radius * libm::sin(turn), 6.0 * libm::sin(tilt))
+        }),
+    ];
+    for (name, patch) in patches {
+        let (mesh, parameters) = uneven_patch(patch, 30, 7);
+        let found = bend(&mesh, CurvatureMethod::Mesh);
+        let (mut known, mut all) = (0, 0);
+        for (at, found) in parameters.iter().zip(found) {
+            if at.iter().all(|&x| 0.0 < x && x < 1.0) {
+                continue;
+            }
+            all += 1;
+            let Some(found) = found else { continue };
+            known += 1;
+            let truth = patch_curvature(patch, *at).principal;
+            let largest = truth[0].abs().max(truth[1].abs()).max(0.05);
+            let off = [0, 1].map(|k| (found.principal[k] - truth[k]).abs() / largest);
+            assert!(off.iter().all(|&x| x < 0.15), "{name} {at:?}: {found:?}, not {truth:?}");
+        }
+        assert!(3 * known >= 2 * all, "{name}: {known} of {all}");
+    }
+}

@@ -1,16 +1,15 @@
 //! Fitting of the control points of a mesh with given faces.
 
-use maquette_base::linear::columns::Column;
-use maquette_base::linear::stencils::Stencils;
 use maquette_node::{Error, Progress, bail};
 use maquette_value::{Mesh, MeshError, Trace, TraceStep};
 use nalgebra::Point3;
 
 use super::equations::System;
 use super::feet::{Feet, LEVELS, Nearest};
-use super::folds::folds;
+use super::folds::{crossings, folds, vertices_around};
 use super::scan::Scan;
-use crate::limit::composed::{ComposedLimit, laplacian};
+use super::stiffness::Stiffness;
+use crate::limit::composed::ComposedLimit;
 
 /// The control mesh of a surface that was fitted to points, and the quality of the fit.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,12 +20,17 @@ pub struct FittedSubdivision {
     pub trace: Trace,
     /// The number of points that are ignored in the last iteration because they are too far from the surface.
     pub left_out: usize,
+    /// The first of these points.
+    pub first_left_out: Option<Point3<f64>>,
     /// The faces of the control mesh at which the surface folds over, ascending.
     pub folds: Vec<u32>,
 }
 
-/// The number of iterations, after the surface has folded, in which it must not fold.
-const GUARDED_ROUNDS: u32 = 4;
+/// The maximum number of times that the surface becomes stiffer where it folds.
+const STIFFENINGS: u32 = 8;
+
+/// The maximum factor by which the largest distance grows when control points return to their start because the surface folds.
+const MAX_LOSS: f64 = 1.5;
 
 /// The fit ends with the first iteration that reduces the mean distance by less than this fraction.
 pub(super) const MIN_GAIN: f64 = 1e-3;
@@ -42,8 +46,9 @@ pub(super) const MIN_GAIN: f64 = 1e-3;
 /// crease) this distance is compared with that in `mesh` and not with 0, because the mean of the neighbors of long thin triangles is far
 /// away in their plane.
 ///
-/// If the surface folds at the end, control points around the folds return to their positions in `mesh`, and a few more iterations follow
-/// in which control points do not move where the surface would fold.
+/// Where the surface folds or runs through itself at the end, but that of `mesh` does not, the weight increases step by step, and the whole
+/// distance is compared with that in `mesh`, so that the surface approaches the shape of the start. Control points around folds that remain
+/// return to their positions in `mesh`, unless the largest distance grows by more than half.
 ///
 /// # Errors
 /// If a face is not a triangle, the mesh is not manifold, no point is near the mesh, or the evaluation is cancelled.
@@ -79,17 +84,16 @@ impl Fit<'_> {
         progress: &Progress<'_>,
     ) -> Result<(Mesh, Vec<Option<Nearest>>), Error> {
         let surface = ComposedLimit::new(mesh, LEVELS)?;
-        let stiffness = laplacian(mesh);
         // With a scan, the faces change, too, and even spacing is wanted.
-        let targets = match self.scan {
-            None => tangential_laplacian(mesh, &stiffness),
-            Some(_) => vec![[0.0; 3]; stiffness.len()],
+        let mut stiffness = match self.scan {
+            None => Stiffness::tangential(mesh),
+            Some(_) => Stiffness::even(mesh),
         };
-        // The guard hinders the fit, so it acts only from the round in which the surface has folded.
-        let (mut is_guarded, mut last) = (self.scan.is_some(), self.iterations);
+        let mut equations = stiffness.equations();
+        let (mut last, mut stiffenings, mut settled) = (self.iterations, 0, f64::INFINITY);
         let reach = 2.0 * mean_edge(mesh);
         let (start, mut mesh) = (mesh, mesh.clone());
-        let mut before = f64::INFINITY;
+        let (mut before, mut best) = (f64::INFINITY, None);
         for iteration in 0.. {
             match self.scan {
                 None => progress.tick((f64::from(iteration) / f64::from(last.max(1))).min(1.0))?,
@@ -99,32 +103,57 @@ impl Fit<'_> {
             let mut feet = Feet::new(&fine, self.points, reach);
             if feet.points.is_empty() {
                 bail!(
-                    "none of the {} points is near the mesh; check the positions and units of both",
+                    "none of the {} points is within {reach:.3e} mm, two edges, of the mesh; check the positions and units of both",
                     self.points.len()
                 );
             }
             let [max, rms] = feet.missed.distances();
             let has_settled = before - rms < MIN_GAIN * before;
             before = rms;
-            self.steps.push(TraceStep { iteration: self.steps.len() as u64, max, rms });
-            if has_settled || iteration == last {
-                if is_guarded || self.iterations == 0 || folds(&fine, LEVELS).is_empty() {
+            let step = TraceStep { iteration: self.steps.len() as u64, max, rms };
+            self.steps.push(step);
+            if has_settled || iteration >= last {
+                if self.scan.is_some() || self.iterations == 0 {
                     return Ok((mesh, feet.nearest));
                 }
-                (is_guarded, last, before) = (true, iteration + GUARDED_ROUNDS, f64::INFINITY);
-                mesh = move_without_folding(&surface, start, mesh.positions().to_vec())?;
-                continue;
+                let defects = Defects::new(&surface, start, &fine, progress)?;
+                settled = settled.min(MAX_LOSS * max);
+                let candidate = Candidate::new(mesh.clone(), feet.nearest.clone(), &defects, step);
+                let mut chosen = best_candidate(best.take(), candidate, settled);
+                if !defects.is_empty() && stiffenings == STIFFENINGS {
+                    let returned = return_to_start(&surface, start, &mesh, progress)?;
+                    let fine = surface.surface(returned.positions())?;
+                    let feet = Feet::new(&fine, self.points, reach);
+                    let [max, rms] = feet.missed.distances();
+                    let defects = Defects::new(&surface, start, &fine, progress)?;
+                    let step = TraceStep { iteration: step.iteration + 1, max, rms };
+                    let candidate = Candidate::new(returned, feet.nearest, &defects, step);
+                    chosen = best_candidate(Some(chosen), candidate, settled);
+                }
+                if defects.is_empty() || stiffenings == STIFFENINGS {
+                    let last = self.steps.len() as u64;
+                    if chosen.step.iteration + 1 != last {
+                        self.steps.push(TraceStep { iteration: last, ..chosen.step });
+                    }
+                    return Ok((chosen.mesh, chosen.nearest));
+                }
+                best = Some(chosen);
+                (last, before) = (iteration + 1, f64::INFINITY);
+                stiffenings += 1;
+                stiffness.increase(start, &defects.faces());
+                equations = stiffness.equations();
             }
             let share = feet.points.len() as f64 / mesh.positions().len() as f64;
             if let Some(scan) = self.scan {
                 feet.add_vertices(&scan.feet(&fine));
             }
             let weight = self.smoothing * share;
-            let system = System::new(&surface, &feet, &stiffness, &targets, weight);
+            let (rows, targets) = &equations;
+            let system = System::new(&surface, &feet, rows, targets, weight);
             let found = system.solve(mesh.positions(), progress)?;
-            mesh = match is_guarded {
-                false => mesh.with_positions(found)?,
-                true => move_without_folding(&surface, &mesh, found)?,
+            mesh = match self.scan {
+                None => mesh.with_positions(found)?,
+                Some(_) => move_without_folding(&surface, &mesh, found)?,
             };
         }
         unreachable!("the last iteration returns")
@@ -132,29 +161,101 @@ impl Fit<'_> {
 
     pub(super) fn end(self, mesh: Mesh, nearest: &[Option<Nearest>]) -> FittedSubdivision {
         let left_out = nearest.iter().filter(|nearest| nearest.is_none()).count();
+        let first_left_out = nearest.iter().position(Option::is_none).map(|k| self.points[k]);
         let trace = Trace::new(self.steps).expect("iterations are counted up");
-        FittedSubdivision { mesh, trace, left_out, folds: Vec::new() }
+        FittedSubdivision { mesh, trace, left_out, first_left_out, folds: Vec::new() }
     }
 }
 
-/// Returns for each vertex the part of its Laplacian vector that is tangential to the mesh: perpendicular to the normal, or along the
-/// crease or border. `laplacian` has a row of three entries for a vertex on a crease or border.
-fn tangential_laplacian(mesh: &Mesh, laplacian: &Stencils) -> Vec<Column> {
-    let (positions, normals) = (mesh.positions(), mesh.vertex_normals());
-    let targets = (0..laplacian.len()).map(|vertex| {
-        let vector = laplacian.apply_row(vertex, positions).coords;
-        let (indices, _) = laplacian.row(vertex);
-        let tangential =
-            match indices.iter().filter(|&&k| k as usize != vertex).collect::<Vec<_>>()[..] {
-                [&a, &b] => {
-                    let along = positions[b as usize] - positions[a as usize];
-                    along.try_normalize(0.0).map_or(vector, |along| along * along.dot(&vector))
-                }
-                _ => vector - normals[vertex] * normals[vertex].dot(&vector),
-            };
-        tangential.into()
-    });
-    targets.collect()
+/// The sorted control faces with defects of a surface, except near those of the surface of the start.
+struct Defects {
+    folds: Vec<u32>,
+    crossings: Vec<u32>,
+}
+
+impl Defects {
+    fn new(
+        surface: &ComposedLimit,
+        start: &Mesh,
+        fine: &Mesh,
+        progress: &Progress<'_>,
+    ) -> Result<Self, Error> {
+        let mut found =
+            Self { folds: folds(fine, LEVELS), crossings: crossings(fine, LEVELS, progress)? };
+        if found.is_empty() {
+            return Ok(found);
+        }
+        let before = surface.surface(start.positions())?;
+        let known = [folds(&before, LEVELS), crossings(&before, LEVELS, progress)?].concat();
+        let mut is_near = vec![false; start.positions().len()];
+        let corners = known.iter().flat_map(|&face| start.faces().face(face as usize));
+        corners.for_each(|&vertex| is_near[vertex as usize] = true);
+        for faces in [&mut found.folds, &mut found.crossings] {
+            faces.retain(|&face| {
+                !start.faces().face(face as usize).iter().any(|&vertex| is_near[vertex as usize])
+            });
+        }
+        Ok(found)
+    }
+
+    fn is_empty(&self) -> bool {
+        self.folds.is_empty() && self.crossings.is_empty()
+    }
+
+    fn faces(&self) -> Vec<u32> {
+        [&self.folds[..], &self.crossings].concat()
+    }
+}
+
+/// A possible result of the fit.
+struct Candidate {
+    mesh: Mesh,
+    nearest: Vec<Option<Nearest>>,
+    step: TraceStep,
+    folds: usize,
+    crossings: usize,
+}
+
+impl Candidate {
+    fn new(mesh: Mesh, nearest: Vec<Option<Nearest>>, defects: &Defects, step: TraceStep) -> Self {
+        let (folds, crossings) = (defects.folds.len(), defects.crossings.len());
+        Self { mesh, nearest, step, folds, crossings }
+    }
+}
+
+/// Returns the better one of two results. Crossing faces are the worst fault, distances greater than `limit` the next one, then folds.
+fn best_candidate(best: Option<Candidate>, other: Candidate, limit: f64) -> Candidate {
+    fn faults(candidate: &Candidate, limit: f64) -> (usize, bool, usize) {
+        (candidate.crossings, candidate.step.max > limit, candidate.folds)
+    }
+    match best {
+        Some(best) if faults(&best, limit) <= faults(&other, limit) => best,
+        _ => other,
+    }
+}
+
+/// Moves the control points around faces at which the surface folds or runs through itself back to their positions in `start`, until no
+/// such faces are left that `start` does not have.
+fn return_to_start(
+    surface: &ComposedLimit,
+    start: &Mesh,
+    mesh: &Mesh,
+    progress: &Progress<'_>,
+) -> Result<Mesh, Error> {
+    let mut positions = mesh.positions().to_vec();
+    loop {
+        let fine = surface.surface(&positions)?;
+        let defects = Defects::new(surface, start, &fine, progress)?.faces();
+        let mut has_changed = false;
+        for vertex in vertices_around(start, &defects) {
+            let old = start.positions()[vertex as usize];
+            let position = std::mem::replace(&mut positions[vertex as usize], old);
+            has_changed |= position != old;
+        }
+        if !has_changed {
+            return Ok(mesh.with_positions(positions)?);
+        }
+    }
 }
 
 /// Moves the control points to `positions`, except for control points around folds that the move would cause.
@@ -167,16 +268,11 @@ fn move_without_folding(
     loop {
         let mut after = folds(&surface.surface(&positions)?, LEVELS);
         after.retain(|face| before.binary_search(face).is_err());
-        let mut is_near = vec![false; positions.len()];
-        let corners = after.iter().flat_map(|&face| mesh.faces().face(face as usize));
-        corners.for_each(|&vertex| is_near[vertex as usize] = true);
         let mut has_changed = false;
-        for face in mesh.faces().iter().filter(|face| face.iter().any(|&v| is_near[v as usize])) {
-            for &vertex in face {
-                let old = mesh.positions()[vertex as usize];
-                let position = std::mem::replace(&mut positions[vertex as usize], old);
-                has_changed |= position != old;
-            }
+        for vertex in vertices_around(mesh, &after) {
+            let old = mesh.positions()[vertex as usize];
+            let position = std::mem::replace(&mut positions[vertex as usize], old);
+            has_changed |= position != old;
         }
         if !has_changed {
             return mesh.with_positions(positions);

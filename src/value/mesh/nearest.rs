@@ -97,8 +97,27 @@ impl TriangleTree {
         self.search(points).0
     }
 
+    /// For each point the nearest point of the mesh whose squared distance in mm^2 is below that of `squares`; `None` if all points of the
+    /// mesh are farther away. It takes less time than [`nearest_to_all`](Self::nearest_to_all) if the squares are about those of the
+    /// nearest points.
+    pub fn nearest_below(
+        &self,
+        points: &[Point3<f64>],
+        squares: &[f64],
+    ) -> Vec<Option<NearestPoint>> {
+        self.search_below(points, Some(squares)).0
+    }
+
     /// For each point the nearest point of the mesh, as in [`nearest_to_all`](Self::nearest_to_all), and the total number of visited boxes.
     pub fn search(&self, points: &[Point3<f64>]) -> (Vec<Option<NearestPoint>>, usize) {
+        self.search_below(points, None)
+    }
+
+    fn search_below(
+        &self,
+        points: &[Point3<f64>],
+        squares: Option<&[f64]>,
+    ) -> (Vec<Option<NearestPoint>>, usize) {
         const CHUNK: usize = 2048;
         let finite = points.iter().filter(|point| point.coords.iter().all(|x| x.is_finite()));
         // Each search begins in the leaf where the last one ended, because points that are neighbors along the curve are close to each
@@ -112,6 +131,7 @@ impl TriangleTree {
                 widest(Search {
                     tree: self,
                     points,
+                    squares,
                     indices,
                     found: found_here,
                     visited: visited_here,
@@ -136,6 +156,8 @@ const TOGETHER: usize = 8;
 struct Search<'a> {
     tree: &'a TriangleTree,
     points: &'a [Point3<f64>],
+    /// The squared distances below which points of the mesh are found, if they are limited.
+    squares: Option<&'a [f64]>,
     indices: &'a [u32],
     found: &'a mut Vec<Option<NearestPoint>>,
     visited: &'a mut usize,
@@ -146,7 +168,7 @@ impl Kernel for Search<'_> {
     fn run(self) {
         let (mut stack, mut start) = (Vec::new(), 1);
         for indices in self.indices.chunks(TOGETHER) {
-            let mut group = Group::new(self.points, indices);
+            let mut group = Group::new(self.points, self.squares, indices);
             group.search(self.tree, start, &mut stack);
             start = group.leaf;
             self.found.extend_from_slice(&group.best[..indices.len()]);
@@ -174,12 +196,12 @@ struct Group {
 
 impl Group {
     #[inline(always)]
-    fn new(points: &[Point3<f64>], indices: &[u32]) -> Self {
+    fn new(points: &[Point3<f64>], squares: Option<&[f64]>, indices: &[u32]) -> Self {
         let mut group = Self {
             points: [Point3::origin(); TOGETHER],
             columns: [Lanes::ZERO; 3],
             bounds: Lanes([-1.0; TOGETHER]),
-            bound: f64::INFINITY,
+            bound: 0.0,
             best: [None; TOGETHER],
             leaf: 1,
             visited: 0,
@@ -188,8 +210,9 @@ impl Group {
             let point = points[index as usize];
             group.points[lane] = point;
             (0..3).for_each(|axis| group.columns[axis].0[lane] = point[axis]);
-            group.bounds.0[lane] = f64::INFINITY;
+            group.bounds.0[lane] = squares.map_or(f64::INFINITY, |squares| squares[index as usize]);
         }
+        group.update_bound();
         group
     }
 
@@ -284,6 +307,11 @@ impl Group {
                 }
             }
         }
+        self.update_bound();
+    }
+
+    #[inline(always)]
+    fn update_bound(&mut self) {
         self.bound = self.bounds.0.into_iter().fold(0.0, |a, b| if b > a { b } else { a });
     }
 }
@@ -424,6 +452,13 @@ mod tests {
                 .map(|triangle| closest_on_triangle(*point, triangle.positions).0);
             let nearest = all.fold(f64::INFINITY, f64::min);
             assert!((hit.unwrap().distance_sq - nearest).abs() < 1e-12);
+        }
+        let squares: Vec<f64> =
+            tree.nearest_to_all(&points).iter().flatten().map(|hit| hit.distance_sq).collect();
+        assert!(tree.nearest_below(&points, &squares).iter().all(Option::is_none));
+        let larger: Vec<f64> = squares.iter().map(|square| 1.01 * square + 1e-9).collect();
+        for (hit, square) in tree.nearest_below(&points, &larger).iter().zip(&squares) {
+            assert_eq!(hit.unwrap().distance_sq, *square);
         }
         let lost =
             [Point3::new(f64::NAN, 0.0, 0.0), points[7], Point3::new(0.0, f64::INFINITY, 0.0)];
