@@ -1,9 +1,9 @@
 //! The parts of a mesh that a capture sees.
 
 use maquette_node::Error;
-use maquette_range::{JUMP, Rays, triangulate};
+use maquette_range::{JUMP, Joins, Rays, grid_triangles};
 use maquette_value::parallel::*;
-use maquette_value::{Mesh, RangeImage, TriangleTree};
+use maquette_value::{Faces, Mesh, RangeImage, TriangleTree};
 
 use super::pitch::Pitch;
 
@@ -19,12 +19,10 @@ const MAX_ANGLE: f64 = 75.0;
 /// of sight. The surface consists of the triangles between neighboring cells that no depth step separates, within the same angle.
 ///
 /// # Errors
-/// Returns an error if the range image has no point, or more cells than a mesh can hold.
+/// Returns an error if the grid has more cells than a mesh can hold.
 pub(super) fn seen_at(mesh: &Mesh, range: &RangeImage) -> Result<Vec<Option<[f64; 2]>>, Error> {
-    let surface = triangulate(range, JUMP, MAX_ANGLE, 0)?;
-    let Some(pixels) = surface.vertex().pairs("uv").filter(|_| !surface.faces().is_empty()) else {
-        return Ok(vec![None; mesh.positions().len()]);
-    };
+    let surface = captured_surface(range)?;
+    let (width, map) = (range.width(), range.registration());
     let pitch = Pitch::new(range);
     let nearest = TriangleTree::new(&surface).nearest_to_all(mesh.positions());
     let near: Vec<Option<[f64; 2]>> = nearest
@@ -32,18 +30,42 @@ pub(super) fn seen_at(mesh: &Mesh, range: &RangeImage) -> Result<Vec<Option<[f64
         .zip(mesh.positions().par_iter())
         .map(|(nearest, at)| {
             let nearest = nearest?;
-            let corners = nearest.corners.map(|corner| surface.faces().corners()[corner as usize]);
-            let shares = corners.map(|vertex| pixels[vertex as usize]).into_iter();
-            let is_near = nearest.distance_sq.sqrt() <= MAX_DISTANCE * pitch.at(at);
-            is_near.then(|| {
-                shares.zip(nearest.barycentric).fold([0.0; 2], |sum, (pixel, share)| {
-                    [sum[0] + share * pixel[0], sum[1] + share * pixel[1]]
-                })
-            })
+            if nearest.distance_sq.sqrt() > MAX_DISTANCE * pitch.at(at) {
+                return None;
+            }
+            let mut place = [0.0; 2];
+            for (corner, share) in nearest.corners.iter().zip(nearest.barycentric) {
+                let cell = surface.faces().corners()[*corner as usize] as usize;
+                place[0] += share * (cell % width) as f64;
+                place[1] += share * (cell / width) as f64;
+            }
+            Some(map.uv_from_range(place))
         })
         .collect();
     let faces_sensor = faces_sensor(mesh, range, &near);
     Ok(near.into_iter().zip(faces_sensor).map(|(pixel, faces)| pixel.filter(|_| faces)).collect())
+}
+
+/// Returns the surface that a capture shows. Its vertices are the cells; those without a point have the position of another.
+fn captured_surface(range: &RangeImage) -> Result<Mesh, Error> {
+    let (width, height) = (range.width(), range.height());
+    let joins = Joins::new(range, JUMP, MAX_ANGLE);
+    let triangles = grid_triangles(
+        width,
+        height,
+        range.points(),
+        |quad| range.forced_triangles(quad),
+        |_, corners| joins.is_on_surface(corners),
+    );
+    let faces: Vec<[u32; 3]> = triangles
+        .par_iter()
+        .with_min_len(4096)
+        .map(|triangle| triangle.cells(width).map(|cell| cell as u32))
+        .collect();
+    let any = (0..range.points().len()).find_map(|cell| range.point(cell)).unwrap_or_default();
+    let positions: Vec<_> =
+        (0..range.points().len()).map(|cell| range.point(cell).unwrap_or(any)).collect();
+    Ok(Mesh::new(positions, Faces::triangles(faces))?)
 }
 
 /// For each vertex, true if it has no faces, or one of them is within [`MAX_ANGLE`] of the line of sight. The front of the mesh is the side
