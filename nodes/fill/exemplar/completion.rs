@@ -33,9 +33,9 @@ pub(crate) struct CompletionInput {
 
 /// The result of a completion (filling holes by copying).
 pub(crate) struct CompletionResult {
-    /// The iterations that were better than all earlier ones on the same level. `rms` is the square root of the measure by which
-    /// iterates are compared, the energy plus the bends at the seam, `max` the square root of the largest mean squared distance of a patch,
-    /// both in mm. Values are comparable only within a level.
+    /// The iterations that were better than all earlier ones on the same level. `rms` is the square root of the measure by which iterates
+    /// are compared, the energy and with `Update::Published` the bends at the seam, `max` the square root of the largest mean squared
+    /// distance of a patch, both in mm. Values are comparable only within a level.
     pub(crate) trace: Vec<TraceStep>,
     pub(crate) copies: Copies,
     /// True if no part of the input surface is fit for copying; then the initial fill is returned unchanged.

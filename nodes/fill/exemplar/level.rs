@@ -43,7 +43,7 @@ pub(super) struct Energy {
     pub(super) mean: f64,
     /// The largest mean squared distance between a patch and its match.
     pub(super) max: f64,
-    /// The bends at the seam, see [`Seam::bends`].
+    /// The bends at the seam, see [`Seam::bends`]; 0 with [`Update::Exact`].
     bends: f64,
 }
 
@@ -192,7 +192,10 @@ impl CompletionLevel<'_> {
             seed: self.number,
         };
         let hints = self.hints(&patches, points, guides);
-        let seam = Seam::new(shared.surface, shared.n_data_vertices, shared.hole.edge);
+        // Only a fill that starts as a cone bends at the seam for long.
+        let seam = self
+            .is_published()
+            .then(|| Seam::new(shared.surface, points, shared.n_data_vertices, shared.hole.edge));
         let mut now = self.find_matches(
             &search,
             points,
@@ -201,7 +204,7 @@ impl CompletionLevel<'_> {
             &hints,
             Some(FullSearch { iteration: 0, more: COMPARISONS }),
         );
-        now.energy.bends = seam.bends(points);
+        now.energy.bends = seam.as_ref().map_or(0.0, |seam| seam.bends(points));
         let mut best = (points[shared.n_data_vertices..].to_vec(), now.clone());
         let mut kept = vec![(0, now.energy)];
         let (mut since, mut iterations) = (0, 0);
@@ -218,7 +221,7 @@ impl CompletionLevel<'_> {
             let far = FullSearch { iteration: iterations, more: COMPARISONS };
             let far = iterations.is_multiple_of(FULL_SEARCH_INTERVAL).then_some(far);
             now = self.find_matches(&search, points, areas, &now.matches, &[], far);
-            now.energy.bends = seam.bends(points);
+            now.energy.bends = seam.as_ref().map_or(0.0, |seam| seam.bends(points));
             let [measure, lowest] = [&now, &best.1].map(|iterate| iterate.energy.measure());
             since = if measure < lowest * (1.0 - MIN_GAIN) { 0 } else { since + 1 };
             if measure < lowest {

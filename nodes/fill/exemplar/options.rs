@@ -61,8 +61,9 @@ pub struct ExemplarOptions {
     #[serde(default)]
     pub iterations: Option<u32>,
     /// Number of iterations after which a level ends if each of them improves the best one by less than 3 %; the best is kept. Iterates are
-    /// compared by the energy plus the bends at the seam: the mean square of the height by which the fill leaves the surface at the rim
-    /// within an edge length. If omitted, 3.
+    /// compared by their energy; with `update: Published`, the bends at the seam are added, as far as they exceed those around the hole: the
+    /// mean square of the height by which the fill leaves the surface at the rim within an edge length. If omitted, 3; with `update:
+    /// Published`, whose energy oscillates, 25.
     #[schemars(range(min = 1, max = 1000))]
     #[serde(default)]
     pub patience: Option<u32>,
@@ -84,7 +85,11 @@ impl ExemplarOptions {
 
     /// Returns the number of iterations without progress after which a level ends.
     pub(super) fn max_wait(&self) -> u32 {
-        self.patience.unwrap_or(3).max(1)
+        let usual = match self.update {
+            Update::Exact => 3,
+            Update::Published => 25,
+        };
+        self.patience.unwrap_or(usual).max(1)
     }
 
     /// Returns the falloff of weights that the user chose, or otherwise the default falloff for the chosen `update`.

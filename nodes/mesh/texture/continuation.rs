@@ -35,7 +35,7 @@ pub(super) enum Unseen {
 /// mesh or of the capture is in their place in the picture.
 ///
 /// # Errors
-/// Returns an error if the range image has no point, or the evaluation is cancelled.
+/// Returns an error if the evaluation is cancelled.
 pub(super) fn continue_texture(
     mesh: Mesh,
     image: &Image,
@@ -47,7 +47,7 @@ pub(super) fn continue_texture(
         return Ok(Continuation { mesh, unseen: Unseen::Nothing });
     };
     let range = fill_range(range, MAX_SHADOW_CELLS, JUMP, progress)?;
-    let seen = seen_at(&mesh, &range)?;
+    let seen = seen_at(&mesh, &range);
     if seen.iter().all(Option::is_none) {
         return Ok(Continuation { mesh, unseen: Unseen::Everything });
     }
