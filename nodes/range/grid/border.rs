@@ -35,7 +35,8 @@ const DEPTH: f64 = 3.0;
 /// The number of faces that one task processes.
 const BLOCK: usize = 8192;
 
-/// When the border of the mesh is smoothed, each face must keep at least this fraction of its area.
+/// When the border of the mesh is smoothed, each face must keep at least this fraction of its area, measured along its old normal. So no face
+/// is turned over.
 const MIN_AREA_RATIO: f64 = 1e-3;
 
 /// The maximum number of halvings of a vertex's motion. Motions that remain after 32 halvings are too small to be visible.
@@ -205,13 +206,12 @@ impl Border {
                 .iter()
                 .copied()
                 .filter(|&face| {
-                    let old = double_area(faces[face].map(|it| positions[it as usize])).norm();
-                    double_area(faces[face].map(|vertex: u32| {
+                    let old = double_area(faces[face].map(|it| positions[it as usize]));
+                    let new = double_area(faces[face].map(|vertex: u32| {
                         let moved = moves.get(border_indices[vertex as usize] as usize);
                         positions[vertex as usize] + moved.map_or(Vector3::zeros(), |moved| moved.0)
-                    }))
-                    .norm()
-                        < MIN_AREA_RATIO * old
+                    }));
+                    new.dot(&old) < MIN_AREA_RATIO * old.norm_squared()
                 })
                 .collect();
             if round == 0 {
