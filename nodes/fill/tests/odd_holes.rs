@@ -149,7 +149,7 @@ fn without_iterations_the_fill_is_the_start() {
 #[test]
 fn straight_rims_are_filled_without_faces_that_have_no_area() {
     let plane = grid(14, 13, |_, _| 0.0);
-    for reach in [0.5, 1.5, 3.5] {
+    for reach in [0.5, 1.5, 2.5] {
         for stretch in [0.5, 2.5] {
             let open = remove_vertices(&plane, |p| {
                 (p.x - 6.0).abs() < reach + stretch && (p.y - 6.0).abs() < reach
@@ -158,7 +158,7 @@ fn straight_rims_are_filled_without_faces_that_have_no_area() {
                 let filled = fill(&open, HoleChoice::Edges { max: 45 }, method.clone()).unwrap();
                 let flat = filled.mesh.flat_faces();
                 assert!(flat.is_empty(), "{method:?} {reach} {stretch}: {flat:?}");
-                assert_eq!(check_kept(&open, &filled.mesh), 2 * (13 + 12), "{method:?} {reach} {stretch} {:?}", filled.warnings);
+                assert_eq!(check_kept(&open, &filled.mesh), 2 * (13 + 12));
             }
         }
     }
