@@ -154,10 +154,7 @@ impl PatchSamples {
         let solution = matrix.cholesky()?.solve(&right);
         let shift = [-solution[3], -solution[4]];
         let length = libm::hypot(shift[0], shift[1]);
-        if !(length > 0.0) {
-            return None;
-        }
-        Some(shift.map(|x| x * (MAX_SHIFT / length).min(1.0)))
+        (length > 0.0).then(|| shift.map(|x| x * (MAX_SHIFT / length).min(1.0)))
     }
 
     fn align_shifted(
