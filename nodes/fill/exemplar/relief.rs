@@ -61,7 +61,7 @@ impl Relief {
     }
 
     /// Returns the relief that the surroundings of a hole have and its `fill` lacks, as an amplitude: the maximum over all scales. It is
-    /// measured in sectors around the hole, and their median counts: an ear or an edge at one side of a hole is not a relief.
+    /// also measured in sectors around the hole, and at most their median counts: an ear or an edge at one side of a hole is not a relief.
     pub(super) fn lost(
         &self,
         surface: &Surface<'_>,
@@ -81,7 +81,9 @@ impl Relief {
             sectors.retain(|sector| !sector.is_empty());
             let mut goals: Vec<f64> = sectors.into_iter().map(quantile).collect();
             goals.sort_by(f64::total_cmp);
-            let goal = goals.get(goals.len() / 2).copied().unwrap_or(0.0);
+            let median = goals.get(goals.len() / 2).copied().unwrap_or(0.0);
+            let all = around.weighted(hole).map(|near| (height(near.vertex), near.weight));
+            let goal = median.min(quantile(all.collect()));
             let own = fill.iter().map(|&vertex| (height(vertex), 1.0));
             goal - quantile(own.collect())
         });
