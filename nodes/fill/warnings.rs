@@ -27,14 +27,6 @@ pub(super) fn describe_fallbacks(
     fills: &[HoleFill],
     filling: &Filling,
 ) -> Vec<String> {
-    let rims = |fallback| -> Vec<String> {
-        let own = (numbers.iter().zip(holes).zip(fills))
-            .filter(|(_, fill)| fill.fallback == Some(fallback));
-        own.map(|((number, rim), _)| {
-            format!("{number} at {}", describe_place(filling.points[rim[0] as usize]))
-        })
-        .collect()
-    };
     let texts = [
         (
             Fallback::Intersection,
@@ -49,9 +41,20 @@ pub(super) fn describe_fallbacks(
             "has no creases that can be extended and is filled with a thin plate; if there are creases, enlarge the hole up to where they are sharp with `holes: Region`",
         ),
     ];
-    let found = texts.into_iter().map(|(fallback, text)| (rims(fallback), text));
-    let found = found.filter(|(rims, _)| !rims.is_empty());
-    found.map(|(rims, text)| format!("rim {} {text}", join(&rims))).collect()
+    let mut warnings = Vec::new();
+    for (fallback, text) in texts {
+        let own = (numbers.iter().zip(holes).zip(fills))
+            .filter(|(_, fill)| fill.fallback == Some(fallback));
+        let rims: Vec<String> = own
+            .map(|((number, rim), _)| {
+                format!("{number} at {}", describe_place(filling.points[rim[0] as usize]))
+            })
+            .collect();
+        if !rims.is_empty() {
+            warnings.push(format!("rim {} {text}", join(&rims)));
+        }
+    }
+    warnings
 }
 
 /// Joins the first names, and counts the others.

@@ -46,22 +46,19 @@ impl Chart {
         })
     }
 
-    /// Fits the surface that explains the points best with few parameters: a plane, sphere, cylinder, cone or paraboloid. `edge` is the mean
-    /// edge length. Returns `None`
+    /// Fits the surface that explains the points best with few parameters: a plane, sphere, cylinder, cone or paraboloid. `edge` is the
+    /// mean edge length. Returns `None`
     /// if the points deviate from all of them by more than `tolerance` (root mean square).
     pub(super) fn fit_best(samples: &Samples, edge: f64, tolerance: f64) -> Option<Self> {
         let points = &samples.points[..];
         let normal = samples.mean_normal()?;
         let paraboloid = HeightField::fit(points, normal, PARABOLOID);
         let cylinder = paraboloid.as_ref().and_then(HeightField::osculating_cylinder);
-        let revolution = |terms| {
-            (4 + terms, Revolution::fit(samples, terms, cylinder.as_ref()).map(Self::Revolution))
-        };
         let fits = [
             (PLANE, HeightField::fit(points, normal, PLANE).map(Self::HeightField)),
             (4, Sphere::fit(samples).map(Self::Sphere)),
-            revolution(1),
-            revolution(2),
+            (5, Revolution::fit(samples, 1, cylinder.as_ref()).map(Self::Revolution)),
+            (6, Revolution::fit(samples, 2, cylinder.as_ref()).map(Self::Revolution)),
             (PARABOLOID, paraboloid.map(Self::HeightField)),
         ];
         let (count, floor) = (points.len() as f64, ROUNDING * edge);

@@ -34,8 +34,8 @@ const MIN_AREA: f64 = 0.15;
 /// hole's rim.
 const MAX_MISFIT: f64 = 0.12;
 
-/// Maximum distance of a rim vertex from the surface of its segment, in edge lengths. A ridge or groove between two segments, which is narrower
-/// than [`MIN_EDGES`], is farther away: it is no crease.
+/// Maximum distance of a rim vertex from the surface of its segment, in edge lengths. A ridge or groove between two segments, which is
+/// narrower than [`MIN_EDGES`], is farther away: it is no crease.
 const MAX_RIM_MISFIT: f64 = 0.36;
 
 /// Minimum ratio of the mean bending at edges between segments to the mean bending at edges inside segments. Both are measured on smoothed

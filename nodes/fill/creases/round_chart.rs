@@ -92,12 +92,10 @@ impl Sphere {
             center += Vector3::new(step[0], step[1], step[2]);
             radius += step[3];
         }
-        if !(0.0 < radius && radius < MAX_RADIUS) {
-            return None;
-        }
         let center = origin + center * size;
         let sign = samples.sign(|point| point - center);
-        Some(Self { center, radius: radius * size, sign })
+        let is_usable = 0.0 < radius && radius < MAX_RADIUS;
+        is_usable.then_some(Self { center, radius: radius * size, sign })
     }
 
     /// Returns the signed distance of a point, and the normal at the nearest surface point.
@@ -115,12 +113,14 @@ impl Revolution {
     /// the part is small and has noise.
     pub(super) fn fit(samples: &Samples, terms: usize, cylinder: Option<&Axis>) -> Option<Self> {
         let (center, size) = samples.extent();
-        let scale = |point: &Point3<f64>| Point3::from((point - center) / size);
-        let points: Vec<Point3<f64>> = samples.points.iter().map(scale).collect();
-        let centers: Vec<Point3<f64>> = samples.centers.iter().map(scale).collect();
+        let points = scaled(&samples.points, center, size);
+        let centers = scaled(&samples.centers, center, size);
         let starts = [
             axis_met_by_normals(&centers, &samples.areas),
-            cylinder.map(|axis| Axis { point: scale(&axis.point), direction: axis.direction }),
+            cylinder.map(|axis| Axis {
+                point: ((axis.point - center) / size).into(),
+                direction: axis.direction,
+            }),
         ];
         let fits = starts.into_iter().flatten().filter_map(|axis| {
             Self { axis, profile: vec![0.0; terms], sign: 1.0 }.improve(&points)
@@ -208,6 +208,11 @@ impl Revolution {
     }
 }
 
+/// Returns points relative to a center, divided by `size`.
+fn scaled(points: &[Point3<f64>], center: Point3<f64>, size: f64) -> Vec<Point3<f64>> {
+    points.iter().map(|point| Point3::from((point - center) / size)).collect()
+}
+
 impl Axis {
     /// Returns the distance of a point along the axis, and the vector to the point from the nearest point on the axis.
     fn split(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
@@ -259,8 +264,7 @@ fn least_squares(rows: impl Iterator<Item = (Vec<f64>, f64)>, count: usize) -> O
     for i in 0..count {
         matrix[(i, i)] *= 1.0 + 1e-9;
     }
-    let solution = matrix.cholesky()?.solve(&right);
-    let solution: DVector<f64> = solution;
+    let solution: DVector<f64> = matrix.cholesky()?.solve(&right);
     solution.iter().all(|x| x.is_finite()).then(|| solution.iter().copied().collect())
 }
 

@@ -16,6 +16,8 @@ pub(super) struct PatchSamples {
     /// The positions of the samples in the plane of the patch's frame, in patch radii.
     positions: Vec<[f64; 2]>,
     radius: f64,
+    /// True if exemplars are also shifted sideways when they are aligned.
+    pub(super) shifts: bool,
     /// For each stage of a comparison, the number of samples compared up to the end of the stage, and the precomputed least-squares fit of
     /// a plane to these samples.
     stages: [(usize, Planes); STAGES],
@@ -116,6 +118,9 @@ impl PatchSamples {
     /// vertex; shifts sideways, by less than the distance to the next one, make steep features meet.
     pub(super) fn align(&self, heights: &[f32], step: f64, orientation: &Orientation) -> Alignment {
         let still = self.align_shifted(heights, step, orientation, [0.0; 2]);
+        if !self.shifts {
+            return still;
+        }
         let Some(shift) = self.best_shift(&still.distances, heights, step, orientation) else {
             return still;
         };
@@ -154,10 +159,7 @@ impl PatchSamples {
         let solution = matrix.cholesky()?.solve(&right);
         let shift = [-solution[3], -solution[4]];
         let length = libm::hypot(shift[0], shift[1]);
-        if !(length > 0.0) {
-            return None;
-        }
-        Some(shift.map(|x| x * (MAX_SHIFT / length).min(1.0)))
+        (length > 0.0).then(|| shift.map(|x| x * (MAX_SHIFT / length).min(1.0)))
     }
 
     fn align_shifted(
@@ -307,6 +309,7 @@ mod tests {
             }
         }
         patch.prepare(5.0, true);
+        patch.shifts = true;
         let straight = Orientation::list(1, false)[0];
         let [still, best] = [
             patch.align_shifted(&heights, 1.0, &straight, [0.0; 2]),
@@ -325,6 +328,7 @@ mod tests {
             patch.samples.push(Sample { at, height: 0.5 * at[0], normal: [0.0, 0.0, 1.0] });
         }
         patch.prepare(5.0, true);
+        patch.shifts = true;
         let aligned = patch.align(&[1.0; NODES], 1.0, &Orientation::list(1, false)[0]);
         assert_eq!(aligned.shift, [0.0; 2]);
     }

@@ -179,6 +179,7 @@ fn fit_plane(detail: &Detail<'_>, points: &[Point3<f64>], center: usize) -> (Pla
         sample(&outcome.frames[center], point, &outcome.normals[site as usize])
     }));
     patch.prepare(radius, true);
+    patch.shifts = exemplars.are_shifted;
     let heights = exemplars.heights(found.exemplar);
     let aligned = patch.align(heights, exemplars.lattice.step, orientations.get(found.orientation));
     (aligned.plane, aligned.shift)

@@ -59,7 +59,8 @@ pub(super) fn find_smooth_holes(
         progress.check()?;
         // Creases that are extended across a hole are not a thin plate.
         let is_sharp = fill.iter().any(|&vertex| completion.is_sharp(vertex));
-        let lacks_relief = relief.lost(&around, number, fill) > MAX_LOST_RELIEF * hole.edge;
+        let lost = relief.lost(completion.surface, points, &around, number, fill);
+        let lacks_relief = lost > MAX_LOST_RELIEF * hole.edge;
         let is_kept = !is_sharp
             && !lacks_relief
             && !predicts_better(completion, points, &around, number, fill[0], progress)?;

@@ -94,7 +94,9 @@ pub(crate) fn complete_as_published(
             completed.trace.push(TraceStep { iteration: done + iteration, max, rms });
         }
         done += outcome.iterations + 1;
-        has_converged &= outcome.iterations < u64::from(options.max_iterations());
+        // Who limits the iterations wants to see the result so far.
+        has_converged &= options.iterations.is_none()
+            || outcome.iterations < u64::from(options.max_iterations());
         completed.no_exemplar &= outcome.guides.is_empty();
         if last {
             let cells = cells::cells(&surface, points, data, &outcome, edge);

@@ -15,6 +15,9 @@ const SCALES: [usize; 2] = [4, 10];
 /// with a larger value, a rough patch at one side of the hole would.
 const QUANTILE: f64 = 0.75;
 
+/// Number of sectors around a hole.
+const SECTORS: usize = 8;
+
 /// The relief around holes and in their fills, for each scale.
 pub(super) struct Relief {
     /// For each vertex of the mesh, its index in `heights`; [`NONE`] far from holes.
@@ -57,15 +60,58 @@ impl Relief {
         Self { index_of, heights }
     }
 
-    /// Returns the relief that the surroundings of a hole have and its `fill` lacks, as an amplitude: the maximum over all scales.
-    pub(super) fn lost(&self, around: &Surroundings, hole: usize, fill: &[u32]) -> f64 {
+    /// Returns the relief that the surroundings of a hole have and its `fill` lacks, as an amplitude: the maximum over all scales. It is
+    /// also measured in sectors around the hole, and at most their median counts: an ear or an edge at one side of a hole is not a relief.
+    pub(super) fn lost(
+        &self,
+        surface: &Surface<'_>,
+        points: &[Point3<f64>],
+        around: &Surroundings,
+        hole: usize,
+        fill: &[u32],
+    ) -> f64 {
+        let directions = Directions::new(surface, points, fill);
         let lost = self.heights.iter().map(|heights| {
             let height = |vertex: u32| heights[self.index_of[vertex as usize] as usize];
-            let goal = around.weighted(hole).map(|near| (height(near.vertex), near.weight));
+            let mut sectors = vec![Vec::new(); SECTORS];
+            for near in around.weighted(hole) {
+                let sector = directions.sector(&points[near.vertex as usize]);
+                sectors[sector].push((height(near.vertex), near.weight));
+            }
+            sectors.retain(|sector| !sector.is_empty());
+            let mut goals: Vec<f64> = sectors.into_iter().map(quantile).collect();
+            goals.sort_by(f64::total_cmp);
+            let median = goals.get(goals.len() / 2).copied().unwrap_or(0.0);
+            let all = around.weighted(hole).map(|near| (height(near.vertex), near.weight));
+            let goal = median.min(quantile(all.collect()));
             let own = fill.iter().map(|&vertex| (height(vertex), 1.0));
-            quantile(goal.collect()) - quantile(own.collect())
+            goal - quantile(own.collect())
         });
         lost.fold(0.0, f64::max)
+    }
+}
+
+/// The directions around a hole, as angles in the plane that its fill is nearly parallel to.
+struct Directions {
+    center: Point3<f64>,
+    axes: [Vector3<f64>; 2],
+}
+
+impl Directions {
+    fn new(surface: &Surface<'_>, points: &[Point3<f64>], fill: &[u32]) -> Self {
+        let sum: Vector3<f64> = fill.iter().map(|&vertex| points[vertex as usize].coords).sum();
+        let area: Vector3<f64> = fill.iter().map(|&vertex| surface.area(points, vertex)).sum();
+        let normal = area.try_normalize(0.0).unwrap_or(Vector3::z());
+        let across = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
+        let center = Point3::from(sum / fill.len().max(1) as f64);
+        Self { center, axes: [across, normal.cross(&across)] }
+    }
+
+    /// Returns the number of the sector that contains a point.
+    fn sector(&self, point: &Point3<f64>) -> usize {
+        let [x, y] = self.axes.map(|axis| axis.dot(&(point - self.center)));
+        let turn = libm::atan2(y, x) / std::f64::consts::TAU + 0.5;
+        ((turn * SECTORS as f64) as usize).min(SECTORS - 1)
     }
 }
 

@@ -154,6 +154,7 @@ impl Search<'_> {
             sample(frame, &scene.points[vertex as usize], &scene.normals[site as usize])
         }));
         patch.prepare(self.radius, true);
+        patch.shifts = self.exemplars.are_shifted;
     }
 
     /// Returns the mean color of a patch and the color's slopes in the patch's frame; all zeros if colors are not compared.

@@ -63,31 +63,36 @@ pub(super) struct Body {
     pub(super) noise: f64,
 }
 
+/// Returns the random number `k` of a body, from `low` to `high`.
+fn draw(seed: u64, k: u64, low: f64, high: f64) -> f64 {
+    low + (high - low) * random(seed << 8 | k)
+}
+
 impl Body {
     /// Creates the body with the number `seed`: a corner of 3 to 5 faces. One in three is the wall of a hollow space, seen from inside.
     pub(super) fn new(seed: u64) -> Self {
-        let draw = |k: u64, low: f64, high: f64| low + (high - low) * random(seed << 8 | k);
         let count = 3 + seed % 3;
         let faces = (0..count).map(|k| {
             let key = 16 * (k + 1);
-            let turn = std::f64::consts::TAU * (k as f64 + draw(key, -0.12, 0.12)) / count as f64;
+            let turn =
+                std::f64::consts::TAU * (k as f64 + draw(seed, key, -0.12, 0.12)) / count as f64;
             let (sine, cosine) = libm::sincos(turn);
-            let (across, up) = libm::sincos(draw(key + 1, 0.7, 0.95));
+            let (across, up) = libm::sincos(draw(seed, key + 1, 0.7, 0.95));
             let normal = Vector3::new(across * cosine, across * sine, up);
-            let radius = draw(key + 2, 14.0, 40.0);
+            let radius = draw(seed, key + 2, 14.0, 40.0);
             // At a corner of more than 3 faces, a face that bulges inwards may hide another one.
             let sign = if count == 3 && random(seed << 8 | (key + 3)) < 0.4 { -1.0 } else { 1.0 };
             let tangent = normal.cross(&Vector3::new(
-                draw(key + 4, -1.0, 1.0),
-                draw(key + 5, -1.0, 1.0),
-                draw(key + 6, -1.0, 1.0),
+                draw(seed, key + 4, -1.0, 1.0),
+                draw(seed, key + 5, -1.0, 1.0),
+                draw(seed, key + 6, -1.0, 1.0),
             ));
             let tangent = tangent.normalize();
-            let kind = match (draw(key + 7, 0.0, 4.0)) as u64 {
+            let kind = match (draw(seed, key + 7, 0.0, 4.0)) as u64 {
                 0 => Kind::Plane,
                 1 => Kind::Sphere(CORNER - normal * (sign * radius)),
                 kind => {
-                    let slope = if kind == 2 { 0.0 } else { draw(key + 8, -0.4, 0.4) };
+                    let slope = if kind == 2 { 0.0 } else { draw(seed, key + 8, -0.4, 0.4) };
                     let size = libm::hypot(1.0, slope);
                     let outward = normal * sign;
                     let radial = (outward + tangent * slope) / size;
@@ -97,7 +102,7 @@ impl Body {
             };
             Face { normal, kind }
         });
-        let noise = if seed % 2 == 0 { 0.0 } else { draw(1, 0.0, 0.05) };
+        let noise = if seed % 2 == 0 { 0.0 } else { draw(seed, 1, 0.0, 0.05) };
         Self { faces: faces.collect(), is_hollow: seed % 5 == 4, noise }
     }
 
@@ -107,18 +112,21 @@ impl Body {
         all.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
     }
 
+    fn is_inside(&self, point: Vector3<f64>) -> bool {
+        self.distance(&point.into()).0 < 0.0
+    }
+
     /// Returns the point of the surface in a direction from the origin, and its face; the far side of the body is a sphere.
     fn surface_point(&self, direction: &Vector3<f64>) -> (Point3<f64>, usize) {
-        let inside = |size: f64| self.distance(&Point3::from(direction * size)).0 < 0.0;
-        let steps = 400;
-        let size = |k: usize| LARGEST * k as f64 / steps as f64;
-        let Some(out) = (1..=steps).find(|&k| !inside(size(k))) else {
+        let step = LARGEST / 400.0;
+        let Some(out) = (1..=400).find(|&k| !self.is_inside(direction * (step * f64::from(k))))
+        else {
             return (Point3::from(direction * LARGEST), self.faces.len());
         };
-        let (mut low, mut high) = (size(out - 1), size(out));
+        let (mut low, mut high) = (step * f64::from(out - 1), step * f64::from(out));
         for _ in 0..40 {
             let middle = 0.5 * (low + high);
-            *if inside(middle) { &mut low } else { &mut high } = middle;
+            *if self.is_inside(direction * middle) { &mut low } else { &mut high } = middle;
         }
         let point = Point3::from(direction * high);
         (point, self.distance(&point).1)

@@ -153,6 +153,24 @@ fn noise_farther_than_two_widths_changes_no_byte_of_a_smooth_fill() {
 }
 
 #[test]
+fn an_ear_at_one_side_of_a_hole_is_no_relief() {
+    for seed in 0..4 {
+        let turn = 6.0 * random(seed);
+        let (sine, cosine) = libm::sincos(turn);
+        let height = |x: f64, y: f64| {
+            let (u, v) = (x - 20.0 - 9.0 * cosine, y - 20.0 - 9.0 * sine);
+            let smooth = libm::sin(0.11 * x + turn) * libm::cos(0.09 * y);
+            2.0 * smooth + 4.0 * libm::exp(-(u * u + v * v) / 5.0)
+        };
+        let mesh =
+            remove_vertices(&grid(41, 41, height), |p| libm::hypot(p.x - 20.0, p.y - 20.0) < 4.5);
+        let [plate, own] = [FillMethod::ThinPlate, FillMethod::default()]
+            .map(|method| fill(&mesh, HoleChoice::All, method).unwrap().mesh);
+        assert!(plate == own, "{seed}");
+    }
+}
+
+#[test]
 fn the_published_completion_is_nearly_as_smooth_as_a_plate() {
     for seed in [3, 6, 10] {
         let cut = Cut::new(seed, 0.3);
