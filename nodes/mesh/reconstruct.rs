@@ -391,7 +391,9 @@ fn collect_pieces(
     let mut pyramid = grid.pyramid(cloud, progress)?;
     progress.tick(0.06)?;
     let (mut flat, mut noise) = pyramid.flat_depth();
-    let gap = thin::find_gap(&pyramid, cloud, flat);
+    // Sides that a given `spacing` cannot separate count as one noisy sheet.
+    let gap = thin::find_gap(&pyramid, cloud, flat, distance)
+        .filter(|gap| !given || gap.width >= GAP * edge);
     // Opposite sides in one neighborhood are not noise.
     noise = gap.map_or(noise, |gap| noise.min(gap.noise));
     let width = gap.map_or(f64::INFINITY, |gap| gap.width);

@@ -37,8 +37,9 @@ pub(super) struct Gap {
 }
 
 /// Finds opposite sides that are near each other. Of the distances found, the result has the lower quartile. `None` if there are no such
-/// sides, or if the sides of the points are known. `flat` is the depth at which most neighborhoods are flat.
-pub(super) fn find_gap(pyramid: &Pyramid, cloud: &Cloud, flat: u32) -> Option<Gap> {
+/// sides, or if the sides of the points are known. `flat` is the depth at which most neighborhoods are flat. Sides nearer to each other than
+/// the spacing of the points, `distance` in mm, cannot be told from chance.
+pub(super) fn find_gap(pyramid: &Pyramid, cloud: &Cloud, flat: u32, distance: f64) -> Option<Gap> {
     if pyramid.min_gap == f64::INFINITY {
         return None;
     }
@@ -47,7 +48,8 @@ pub(super) fn find_gap(pyramid: &Pyramid, cloud: &Cloud, flat: u32) -> Option<Ga
     let cells: Vec<usize> = (0..count).step_by(step).collect();
     let found: Vec<Option<Gap>> =
         cells.par_iter().map(|&cell: &usize| gap_at(pyramid, cloud, flat, cell)).collect();
-    let mut gaps: Vec<Gap> = found.into_iter().flatten().collect();
+    let mut gaps: Vec<Gap> =
+        found.into_iter().flatten().filter(|gap| gap.width >= distance).collect();
     if (gaps.len() as f64) < MIN_PLACES * cells.len() as f64 {
         return None;
     }
@@ -110,6 +112,8 @@ fn heights(
         }
     }
     heights.sort_by(f64::total_cmp);
+    // Points that are there several times are no more evidence than one.
+    heights.dedup();
     heights
 }
 
