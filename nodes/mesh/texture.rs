@@ -2,14 +2,13 @@
 //!
 //! `Texture` does not implement `update`: `Bound` computes nothing, and the window of `Planar` depends on the bounds of all vertices.
 
+use continuation::{Unseen, continue_texture};
 use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer, bail};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, CaptureFrame, Image, Mesh, RangeImage};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use continuation::{Unseen, continue_texture};
 
 mod capture_grid;
 mod continuation;

@@ -1,7 +1,8 @@
 //! A tree of boxes, for overlap queries.
 
-use crate::parallel::join;
 use nalgebra::Point3;
+
+use crate::parallel::join;
 
 /// An axis-aligned box, including its border.
 #[derive(Clone, Copy, Debug)]

@@ -1,10 +1,10 @@
 //! Topological counts, area and volume of meshes.
 
-use crate::parallel::join;
 use nalgebra::Point3;
 
 use super::Mesh;
 use super::union_find::UnionFind;
+use crate::parallel::join;
 
 /// Topological counts of a mesh. Two meshes must have equal counts before their positions are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,9 +2,8 @@
 
 use maquette_value::rng::Random;
 
-use crate::random_rays::{percentile, walls};
-
 use super::*;
+use crate::random_rays::{percentile, walls};
 
 /// Returns a grid of `rows` x `columns` cells. `place` is called with two numbers from 0 to 1; the faces look to the side from which these
 /// run counterclockwise. `is_hole` leaves out cells by the middle of the cell.
