@@ -145,8 +145,8 @@ fn rim_distances_in(net: &value::ControlNet, region: Option<&Region>) -> Option<
 fn rectangle(net: &value::ControlNet) -> Option<Rectangle> {
     let chart = net.chart()?;
     let (cell, [row, column]) = (*chart.cells.first()? as usize, chart.coordinates.first()?);
-    let low_of = |index: usize, at: f64| index.checked_sub(at as usize);
-    let low = [low_of(cell % chart.grid[0], *column)?, low_of(cell / chart.grid[0], *row)?];
+    let at = [cell % chart.grid[0], cell / chart.grid[0]];
+    let low = [at[0].checked_sub(*column as usize)?, at[1].checked_sub(*row as usize)?];
     Some(Rectangle { low, size: [net.columns(), net.rows()] })
 }
 

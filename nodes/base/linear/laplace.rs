@@ -236,7 +236,9 @@ mod tests {
     #[test]
     fn a_border_between_cells_counts_where_it_is() {
         let mut values = vec![1.0, 0.0, 0.0, 0.0, 5.0];
-        let distance = |_: usize, known: usize| if known == 0 { 0.5 } else { 1.5 };
+        fn distance(_: usize, known: usize) -> f64 {
+            if known == 0 { 0.5 } else { 1.5 }
+        }
         let free = [0, 1, 1, 1, 0];
         solve_to_border(5, 1, &free, 0.0, distance, &mut values, &Progress::silent()).unwrap();
         let expected = [1.0, 1.5, 2.5, 3.5, 5.0];

@@ -109,7 +109,9 @@ mod tests {
         assert_eq!(Terraces::new(&capture(0.0, bowl)), None);
         assert_eq!(Terraces::new(&capture(0.1, bowl)), None);
         assert_eq!(Terraces::new(&capture(0.0, |x, y| 700.0 + 0.5 * x - 0.25 * y)), None);
-        let two_planes = |x: f64, _: f64| if x < 30.0 { 700.0 } else { 720.0 };
+        fn two_planes(x: f64, _: f64) -> f64 {
+            if x < 30.0 { 700.0 } else { 720.0 }
+        }
         assert_eq!(Terraces::new(&capture(0.0, two_planes)), None);
         assert_eq!(Terraces::new(&RangeImage::new(0, 0, Vec::new()).unwrap()), None);
     }

@@ -175,7 +175,9 @@ pub(super) fn two_sided(
     let Ok(layer) = layer else {
         // The surface intersects itself, so there is no layer around it, but there is a volume.
         let all: Vec<_> = (0..mesh.faces().len() as u32).collect();
-        let everywhere = |points: &[Point3<f64>]| vec![f64::INFINITY; points.len()];
+        fn everywhere(points: &[Point3<f64>]) -> Vec<f64> {
+            vec![f64::INFINITY; points.len()]
+        }
         return added(mesh, (&tree, &all), half, &everywhere, progress);
     };
     let mut thin = back.thin_faces(&tree, &below, &layer, ENOUGH * half);

@@ -59,7 +59,9 @@ fn shapes(rng: &mut Random, waves: [f64; 2]) -> Vec<(&'static str, Mesh)> {
         low + (high - low) * rng.even()
     }
     let (sin, cos) = (libm::sin, libm::cos);
-    let whole = |_: f64, _: f64| false;
+    fn whole(_: f64, _: f64) -> bool {
+        false
+    }
     let (phase, long) = (number(0.0, 6.0, rng), number(waves[0], waves[1], rng));
     let bumps: [f64; 8] = std::array::from_fn(|_| number(0.0, 6.0, rng));
     fn bumpy(u: f64, v: f64, sin: fn(f64) -> f64, cos: fn(f64) -> f64, bumps: [f64; 8]) -> f64 {
