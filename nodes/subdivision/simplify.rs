@@ -68,7 +68,7 @@ impl Node for Simplify {
 /// more than 75 degrees or lose its area, or if it would join two creases. Among edges with equal cost, for example in a plane, the
 /// shortest is collapsed first. The faces thus stay evenly sized, vertices have few neighbors, and the running time is O(n log n).
 ///
-/// A mesh of more than 20 000 triangles is first simplified in rounds of many collapses at a time, on all threads. An edge is collapsed in a
+/// A mesh of more than 100 000 triangles is first simplified in rounds of many collapses at a time, on all threads. An edge is collapsed in a
 /// round if it is among the cheapest and cheaper than those nearby. The error is that of single collapses within one percent.
 ///
 /// Texture coordinates `uv` on corners add the squared distance by which the texture shifts on the surface: Hoppe, "New quadric metric for
@@ -92,7 +92,7 @@ enum Order {
 }
 
 /// Meshes with more triangles are simplified in rounds.
-const MANY: usize = 20_000;
+const MANY: usize = 100_000;
 
 impl Order {
     fn of(mesh: &Mesh) -> Self {
