@@ -9,8 +9,8 @@ use maquette_value::{Attribute, Mesh, MeshError};
 use places::places;
 pub use rebuild::WeldedMesh;
 
-/// Joins the vertices of `mesh` that are at most `within` mm apart, along the borders where they meet. With `within: 0` only equal positions
-/// are joined. All vertices of a joined one take the position of the one with the lowest index.
+/// Joins the vertices of `mesh` that are at most `within` mm apart, along the borders where they meet. With `within: 0` only equal
+/// positions are joined. All vertices of a joined one take the position of the one with the lowest index.
 ///
 /// Borders are joined edge by edge: Gueziec, Taubin, Lazarus and Horn, "Cutting and stitching: converting sets of polygons to manifold
 /// surfaces" (2001). So two vertices become one only if a border edge at one coincides with a border edge at the other. Parts that touch
@@ -42,8 +42,8 @@ pub fn weld(mesh: &Mesh, within: f64) -> Result<WeldedMesh, MeshError> {
     }
 }
 
-/// Joins vertices of `mesh` with the same number in `places`, which is [`NO_PLACE`] for those that stay, where borders meet. As [`weld`], but
-/// faces of opposite orientation are not joined, and attributes are moved to corners if `is_different` returns true for two vertices.
+/// Joins vertices of `mesh` with the same number in `places`, which is [`NO_PLACE`] for those that stay, where borders meet. As [`weld`],
+/// but faces of opposite orientation are not joined, and attributes are moved to corners if `is_different` returns true for two vertices.
 /// Returns `None` if nothing is joined.
 ///
 /// # Errors

@@ -81,8 +81,8 @@ const MAX_LENGTH_RATIO: f64 = 0.3;
 /// Default length below which detail is removed, as a multiple of the mean edge length.
 const DEFAULT_EDGE_LENGTHS: f64 = 6.0;
 
-/// Maximum of the default length, as a fraction of the diagonal of the mesh's bounding box. With a larger one, a coarse mesh such as a box of
-/// twelve triangles would collapse.
+/// Maximum of the default length, as a fraction of the diagonal of the mesh's bounding box. With a larger one, a coarse mesh such as a box
+/// of twelve triangles would collapse.
 const MAX_DEFAULT_RATIO: f64 = 0.15;
 
 /// Returns the default length for a mesh.

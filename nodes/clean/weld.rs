@@ -17,8 +17,8 @@ use serde::{Deserialize, Serialize};
 ///
 /// An attribute that differs where vertices are joined, such as `uv` at a seam, becomes an attribute of corners. Faces of opposite
 /// orientation are joined if their positions are equal: `Orient` makes them agree. Vertices without faces are joined with those of borders.
-/// The result does not change if it is welded again. The `trace` has one step: its iteration is the number of vertices that are gone because
-/// they were joined with another, and its distances are those by which they moved.
+/// The result does not change if it is welded again. The `trace` has one step: its iteration is the number of vertices that are gone
+/// because they were joined with another, and its distances are those by which they moved.
 ///
 /// In other programs: merge by distance, remove doubles, stitch, unify vertices.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

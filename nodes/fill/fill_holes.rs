@@ -55,9 +55,9 @@ use super::warnings::{describe_fallbacks, describe_place, face_center};
 /// The outer border of an open scan is not a hole: the border of each connected component whose faces mostly look to one side, or that
 /// comes from a capture, stays open, and a warning names it. A mesh without holes is returned unchanged except for the two attributes.
 ///
-/// The trace has the iterations of an exemplar fill, and the bending energy of each fill in the order of the rims, a measure of fairness: the
-/// sum of A (2 H)^2 over the vertices of the fill and its rim, with the area A and the mean curvature H of a vertex. It has no unit, is 0 for
-/// a plane, and does not depend on the size of the mesh.
+/// The trace has the iterations of an exemplar fill, and the bending energy of each fill in the order of the rims, a measure of fairness:
+/// the sum of A (2 H)^2 over the vertices of the fill and its rim, with the area A and the mean curvature H of a vertex. It has no unit, is
+/// 0 for a plane, and does not depend on the size of the mesh.
 ///
 /// In other programs: cap, patch, inpaint.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

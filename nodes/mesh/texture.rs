@@ -25,10 +25,10 @@ pub struct Texture {
     pub image: In<Image>,
     /// The unmodified capture, from which `Planar` takes extents and camera; if omitted, those of the mesh. The capture sees a vertex if it
     /// is within 1.5 cells of the surface that the capture shows, on a face within 75 degrees of the line of sight. Elsewhere, as on a nose
-    /// that has grown, texture coordinates are continued from the surroundings (a discrete harmonic map), so that the picture sticks to what
-    /// it shows. If the camera is known and `scale` is 0, faces in whose place the picture shows something else, such as the back of an
-    /// object or what an object in front hides, get colors that are continued from the surroundings; these are appended below the picture,
-    /// and a warning says where.
+    /// that has grown, texture coordinates are continued from the surroundings (a discrete harmonic map), so that the picture sticks to
+    /// what it shows. If the camera is known and `scale` is 0, faces in whose place the picture shows something else, such as the back of
+    /// an object or what an object in front hides, get colors that are continued from the surroundings; these are appended below the
+    /// picture, and a warning says where.
     pub range: Option<In<RangeImage>>,
     /// Mapping from vertices to texture coordinates.
     #[serde(default)]

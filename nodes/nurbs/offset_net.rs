@@ -75,8 +75,9 @@ impl Node for OffsetNet {
     }
 }
 
-/// Returns the net with its free points (those in `region`, if given) moved by the sum of all steps, times the profile. Points of a part that
-/// stands out and sinks move at least in proportion to their height. A point that is moved by 0 keeps its bits. The first direction is `normal`, or the mean normal of the net's base.
+/// Returns the net with its free points (those in `region`, if given) moved by the sum of all steps, times the profile. Points of a part
+/// that stands out and sinks move at least in proportion to their height. A point that is moved by 0 keeps its bits. The first direction is
+/// `normal`, or the mean normal of the net's base.
 ///
 /// # Errors
 /// Returns an error if a step has no rotation axis, the direction or the profile cannot be computed, or the region does not fit the net.
@@ -150,8 +151,8 @@ fn rectangle(net: &value::ControlNet) -> Option<Rectangle> {
     Some(Rectangle { low, size: [net.columns(), net.rows()] })
 }
 
-/// Returns 1 for each point that may sink. If the points are cells, as those of a net with a rim are, these are the cells of the region, its
-/// border included; else they are the free points.
+/// Returns 1 for each point that may sink. If the points are cells, as those of a net with a rim are, these are the cells of the region,
+/// its border included; else they are the free points.
 fn inside_points(net: &value::ControlNet, free: &[u8], within: &[u8]) -> Vec<u8> {
     let Some(chart) = net.chart().filter(|_| net.rim_distances().is_some()) else {
         return free.to_vec();

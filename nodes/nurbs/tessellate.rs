@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 
 /// Tessellates a surface into a mesh of quads, with exact normals and with the parameters, scaled to 0..1, as `uv`.
 ///
-/// A surface that is closed in a direction is joined at its seam, and a row or column in one place, a pole, is one vertex with triangles around
-/// it: a ball or a vase that closes is a closed mesh. Then `uv` belongs to corners: at the far side of a seam it is 1, and at a pole each
-/// triangle has the mean of its two columns. So do the normals if the surface has an edge at its seam or a tip at a pole. Points within
-/// 1e-9 of the diagonal of the net's bounding box are the same. A seam with fewer than three quads around stays open.
+/// A surface that is closed in a direction is joined at its seam, and a row or column in one place, a pole, is one vertex with triangles
+/// around it: a ball or a vase that closes is a closed mesh. Then `uv` belongs to corners: at the far side of a seam it is 1, and at a pole
+/// each triangle has the mean of its two columns. So do the normals if the surface has an edge at its seam or a tip at a pole. Points
+/// within 1e-9 of the diagonal of the net's bounding box are the same. A seam with fewer than three quads around stays open.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Tessellate {
     /// The surface.

@@ -19,8 +19,8 @@ use super::holes::range_holes::{fill_points, usable_cells, with_enclosed};
 /// cell. Cells inside without a measured point are filled smoothly from those around them; cells without a point that are connected with
 /// the border of the grid are left out instead. If the region is not connected, its largest piece is taken.
 ///
-/// The region also has a rim, a smooth outline between the cells: it follows the outline of the part, without the steps of cells and pixels,
-/// within half a cell. Corners stay.
+/// The region also has a rim, a smooth outline between the cells: it follows the outline of the part, without the steps of cells and
+/// pixels, within half a cell. Corners stay.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ExtractRegion {
     /// Labelled picture.

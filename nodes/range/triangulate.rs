@@ -36,7 +36,8 @@ pub struct Triangulate {
     #[serde(default = "default_grazing")]
     pub grazing: f64,
     /// Number of times that borders are smoothed; 0 keeps the steps of the grid. The steps of nearly straight borders are removed, however
-    /// long they are. No vertex moves by more than one cell, and none along the border of the grid. Single triangles and pairs, which would shrink to a point, are left out.
+    /// long they are. No vertex moves by more than one cell, and none along the border of the grid. Single triangles and pairs, which would
+    /// shrink to a point, are left out.
     #[schemars(range(max = 1000))]
     #[serde(default = "default_smooth_border")]
     pub smooth_border: u32,

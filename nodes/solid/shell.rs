@@ -2,7 +2,8 @@
 //!
 //! Moving each vertex along its normal would fold the surface where its radius of curvature is smaller than the thickness. So a layer is
 //! made first whose vertices move only as far as there is room, and the volume within the thickness of the surface is added where the
-//! layer is too thin. That volume comes from a grid, and is cut off at the surface by `Boolean`, so that the surface itself does not change.
+//! layer is too thin. That volume comes from a grid, and is cut off at the surface by `Boolean`, so that the surface itself does not
+//! change.
 
 use maquette_mesh::{Outside, orient};
 use maquette_node::{Carry, Context, Error, In, Node, Progress, Promise, Transfer, Want, bail};

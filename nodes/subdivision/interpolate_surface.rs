@@ -77,8 +77,8 @@ impl Node for InterpolateSurface {
 /// one point, which they share exactly, because control points that differ by the tolerance would turn normals over. If the first and last
 /// row or column are the same, so are their control points, so that the surface is closed at its seam.
 ///
-/// Some points have several surfaces with `foot: Closest`. If the control points of the one found are farther outside of the points' bounding
-/// box than its diagonal, the surface of `foot: Vertex` is returned instead, which swings least.
+/// Some points have several surfaces with `foot: Closest`. If the control points of the one found are farther outside of the points'
+/// bounding box than its diagonal, the surface of `foot: Vertex` is returned instead, which swings least.
 ///
 /// # Errors
 /// If there are fewer points than the order, rows or columns coincide, the solver does not support the foot and direction, or the

@@ -68,8 +68,8 @@ impl Node for Simplify {
 /// more than 75 degrees or lose its area, or if it would join two creases. Among edges with equal cost, for example in a plane, the
 /// shortest is collapsed first. The faces thus stay evenly sized, vertices have few neighbors, and the running time is O(n log n).
 ///
-/// A mesh of more than 100 000 triangles is first simplified in rounds of many collapses at a time, on all threads. An edge is collapsed in a
-/// round if it is among the cheapest and cheaper than those nearby. The error is that of single collapses within one percent.
+/// A mesh of more than 100 000 triangles is first simplified in rounds of many collapses at a time, on all threads. An edge is collapsed in
+/// a round if it is among the cheapest and cheaper than those nearby. The error is that of single collapses within one percent.
 ///
 /// Texture coordinates `uv` on corners add the squared distance by which the texture shifts on the surface: Hoppe, "New quadric metric for
 /// simplifying meshes with appearance attributes" (1999). An edge is a seam if its two sides differ in a corner attribute. Seams are

@@ -22,8 +22,8 @@ use super::scheme::Scheme;
 ///
 /// Old vertices keep their indices, and new ones come after them; only `DooSabin` has instead a vertex for each corner of a face. Vertex
 /// attributes (such as texture coordinates) are interpolated linearly along old edges, and corner attributes within old faces, so that a
-/// texture does not move, unless `corners` says otherwise. An index attribute takes the value at the end with the lower number; a flag is set if it is set at either end.
-/// The parts of a face inherit its attributes. Normals are dropped, because they are no longer valid.
+/// texture does not move, unless `corners` says otherwise. An index attribute takes the value at the end with the lower number; a flag is
+/// set if it is set at either end. The parts of a face inherit its attributes. Normals are dropped, because they are no longer valid.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Subdivide {
     /// Mesh to refine. `Loop` and `Butterfly` need triangles. A crease loses 1 of its sharpness per step; from sharpness 10 on it stays

@@ -34,8 +34,8 @@ fn flat_picture(layers: &[Layer], look: &Look<'_>) -> Option<Image> {
 /// Renders a mesh that is lit from the upper left. The color comes from its texture, otherwise from its vertex colors. Without these it is
 /// the color of clay.
 ///
-/// The inner side of faces is red, unless the view asks for another color. If the mesh has the attribute `normal`, that is used for shading. Otherwise the edge between two faces
-/// looks smooth if their normals differ by less than about 100 degrees.
+/// The inner side of faces is red, unless the view asks for another color. If the mesh has the attribute `normal`, that is used for
+/// shading. Otherwise the edge between two faces looks smooth if their normals differ by less than about 100 degrees.
 pub fn render(mesh: &Mesh, view: &View) -> Image {
     render_all(&[mesh], view)
 }

@@ -43,8 +43,8 @@ pub(super) fn point_sets(count: usize) -> Vec<Vec<Point3<f64>>> {
 /// Points and triangles of a mesh.
 type Triangles = (Vec<Point3<f64>>, Vec<[u32; 3]>);
 
-/// Small solids as scans and other programs make them: with faces without area, with vertices that are there twice, of separate faces, of two
-/// parts, with a face that is there twice and a vertex without faces, open, far from the origin, tiny and huge.
+/// Small solids as scans and other programs make them: with faces without area, with vertices that are there twice, of separate faces, of
+/// two parts, with a face that is there twice and a vertex without faces, open, far from the origin, tiny and huge.
 pub(super) fn odd_solids() -> Vec<Triangles> {
     let solid = octahedron();
     // A vertex in the edge from vertex 0 to vertex 2, which belongs to the first face only, exactly and nearly.

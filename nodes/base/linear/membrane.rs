@@ -106,8 +106,8 @@ impl Membrane {
         Ok(Some(right))
     }
 
-    /// Fills the unknown values (`None`): each becomes the mean of its neighbors, weighted by their edges, so that it is between the smallest
-    /// and the largest known value. Values that no known value is connected to remain unknown.
+    /// Fills the unknown values (`None`): each becomes the mean of its neighbors, weighted by their edges, so that it is between the
+    /// smallest and the largest known value. Values that no known value is connected to remain unknown.
     ///
     /// # Errors
     /// If the evaluation is cancelled.

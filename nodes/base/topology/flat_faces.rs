@@ -1,9 +1,9 @@
 //! Faces without area, which have neither a normal nor angles: how computations on a mesh do without them.
 //!
 //! A face without area joins three vertices on a line. So its middle vertex is on the edge between the other two: a hanging node, as in
-//! finite elements on locally refined grids. [`FlatFaces`] replaces the value at such a vertex by the mean of the values at the ends of that
-//! edge, weighted by distance, which is exact for values that are linear on each face. Therefore a computation gives the same result as on
-//! the mesh without the face and the vertex. The limits are where cotangents exceed 1000 and would cancel each other badly.
+//! finite elements on locally refined grids. [`FlatFaces`] replaces the value at such a vertex by the mean of the values at the ends of
+//! that edge, weighted by distance, which is exact for values that are linear on each face. Therefore a computation gives the same result
+//! as on the mesh without the face and the vertex. The limits are where cotangents exceed 1000 and would cancel each other badly.
 
 #[cfg(test)]
 mod insert;
@@ -16,8 +16,8 @@ use maquette_value::{Edges, Mesh};
 use nalgebra::{Point3, Vector3};
 pub use remove::remove_flat_faces;
 
-/// A triangle is a cap, whose middle vertex depends on its longest edge, if the cotangent of its largest angle is below the negative of this
-/// number: if the angle is less than 0.06 degrees from a straight one.
+/// A triangle is a cap, whose middle vertex depends on its longest edge, if the cotangent of its largest angle is below the negative of
+/// this number: if the angle is less than 0.06 degrees from a straight one.
 const MAX_COTANGENT: f64 = 1e3;
 
 /// Two vertices are one if their distance is below this fraction of the other edges of all triangles at the edge between them.

@@ -31,10 +31,10 @@ impl Filter {
     /// Solves `(M + c^2 K M^-1 K) x = M x_before` for the free vertices with a mass. `K` contains the weights, `M` the masses, and `c` is
     /// chosen such that a wave of the given `length` keeps half of its height.
     ///
-    /// `x` is the real part of the solution `z` of `(M + i c K) z = M x_before`: multiply this by `(M - i c K) M^-1`. That equation has only
-    /// the square root of the other one's condition number. The solver is that of conjugate gradients for complex symmetric matrices, with
-    /// the diagonal as preconditioner: van der Vorst and Melissen, "A Petrov-Galerkin type method for solving Ax = b, where A is symmetric
-    /// complex" (1990).
+    /// `x` is the real part of the solution `z` of `(M + i c K) z = M x_before`: multiply this by `(M - i c K) M^-1`. That equation has
+    /// only the square root of the other one's condition number. The solver is that of conjugate gradients for complex symmetric matrices,
+    /// with the diagonal as preconditioner: van der Vorst and Melissen, "A Petrov-Galerkin type method for solving Ax = b, where A is
+    /// symmetric complex" (1990).
     pub(super) fn apply(
         &self,
         places: &mut [Point3<f64>],

@@ -49,10 +49,10 @@ pub(crate) struct ZipRim<'a> {
 
 /// Zips the given rims of `mesh` where they touch each other or themselves. Returns `None` if they touch nowhere.
 ///
-/// Each vertex is matched with the nearest edge that runs against one of its own border edges within a twentieth of the length of the edges there: with
-/// an end of that edge, or with a new vertex on it. Matches are made in the order of distances, then borders are joined edge by edge along
-/// them. Of joined vertices, the one with the lowest index keeps its position. An outer border, which may be jagged, is zipped only where
-/// its edges coincide, unless most of it touches other borders.
+/// Each vertex is matched with the nearest edge that runs against one of its own border edges within a twentieth of the length of the edges
+/// there: with an end of that edge, or with a new vertex on it. Matches are made in the order of distances, then borders are joined edge by
+/// edge along them. Of joined vertices, the one with the lowest index keeps its position. An outer border, which may be jagged, is zipped
+/// only where its edges coincide, unless most of it touches other borders.
 ///
 /// # Errors
 /// Does not fail for a valid mesh.

@@ -16,8 +16,8 @@ const MIN_MISFIT: f64 = 0.03;
 const MAX_MISFIT: f64 = 0.15;
 const NOISE_RATIO: f64 = 2.5;
 
-/// Maximum root mean square distance of long ends that are notched, as where a relief meets an edge, in edge lengths; and the minimum number
-/// of edges of such an end.
+/// Maximum root mean square distance of long ends that are notched, as where a relief meets an edge, in edge lengths; and the minimum
+/// number of edges of such an end.
 const MAX_NOTCHES: f64 = 0.6;
 const NOTCHED_EDGES: usize = 12;
 
@@ -362,8 +362,8 @@ impl LocalFit {
 /// Number of points on a spline.
 const SPLINE_POINTS: usize = 64;
 
-/// Returns points on the spline with the positions, directions and curvatures of two ends, and its bending. It is a polynomial of degree 5 of
-/// the arc length, which approximates the curve whose curvature changes as evenly as possible.
+/// Returns points on the spline with the positions, directions and curvatures of two ends, and its bending. It is a polynomial of degree 5
+/// of the arc length, which approximates the curve whose curvature changes as evenly as possible.
 fn spline(a: &LocalFit, b: &LocalFit) -> Option<(Vec<Point3<f64>>, f64)> {
     let chord = b.position - a.position;
     let mut length = chord.norm();

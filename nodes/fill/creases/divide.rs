@@ -27,8 +27,8 @@ const MIN_RELIEF_BEND: f64 = 0.21;
 /// A fill that is divided by curves which continue the creases of the data.
 pub(crate) struct DividedFill {
     pub(crate) triangulation: Triangulation,
-    /// True if all creases are joined, and curves describe them better than intersecting surfaces: if some are curved, or if the data beside
-    /// them are a relief.
+    /// True if all creases are joined, and curves describe them better than intersecting surfaces: if some are curved, or if the data
+    /// beside them are a relief.
     pub(crate) is_clear: bool,
     /// For each vertex, true if it is inside of a part whose data are a relief.
     pub(crate) is_relief: Vec<bool>,

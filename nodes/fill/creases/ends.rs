@@ -7,8 +7,8 @@ use crate::border::rim::Rim;
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::area_vector;
 
-/// Cosines of the angles, 32 and 20 degrees, between the faces at an edge. Most edges of a crease exceed the first angle, and all exceed the
-/// second one.
+/// Cosines of the angles, 32 and 20 degrees, between the faces at an edge. Most edges of a crease exceed the first angle, and all exceed
+/// the second one.
 const SHARP_COSINE: f64 = 0.848048096156426;
 const BLUNT_COSINE: f64 = 0.9396926207859084;
 

@@ -41,8 +41,8 @@ pub(crate) struct CompletionResult {
     /// True if no part of the input surface is fit for copying; then the initial fill is returned unchanged.
     pub(crate) no_exemplar: bool,
     /// For each vertex of the fill, true if the surroundings of its hole are smooth and its position, the mean of many exemplars, should be
-    /// faired; empty if nothing should. Only with [`Update::Published`], and not if a level ended at a maximum number of iterations given by
-    /// the user.
+    /// faired; empty if nothing should. Only with [`Update::Published`], and not if a level ended at a maximum number of iterations given
+    /// by the user.
     pub(crate) to_fair: Vec<bool>,
 }
 

@@ -57,7 +57,8 @@ pub(super) struct Exemplars {
     pub(super) owners: Vec<u32>,
     pub(super) lattice: Lattice,
     pub(super) polar: Polar,
-    /// True if exemplars are shifted sideways to fit a patch. With `Update::Published` they are not: from a cone, the iteration would drift.
+    /// True if exemplars are shifted sideways to fit a patch. With `Update::Published` they are not: from a cone, the iteration would
+    /// drift.
     pub(super) are_shifted: bool,
     pub(super) basis: Basis,
     pub(super) tree: KdTree,

@@ -61,8 +61,8 @@ pub struct ExemplarOptions {
     #[serde(default)]
     pub iterations: Option<u32>,
     /// Number of iterations after which a level ends if each of them improves the best one by less than 3 %; the best is kept. Iterates are
-    /// compared by their energy; with `update: Published`, the bends at the seam are added, as far as they exceed those around the hole: the
-    /// mean square of the height by which the fill leaves the surface at the rim within an edge length. If omitted, 3; with `update:
+    /// compared by their energy; with `update: Published`, the bends at the seam are added, as far as they exceed those around the hole:
+    /// the mean square of the height by which the fill leaves the surface at the rim within an edge length. If omitted, 3; with `update:
     /// Published`, whose energy oscillates, 25.
     #[schemars(range(min = 1, max = 1000))]
     #[serde(default)]
@@ -171,8 +171,8 @@ pub enum Update {
     Exact,
     /// As published: patches count by their weights, normals are those of vertices, exemplars may reach the rim, and filled edges are on
     /// each level as long as the distance between compared points; this also completes the cone of `start: Centroid`. Unlike in the
-    /// publication, an exemplar is aligned with a patch by the best small shift and tilt, normals at the rim are those of the data only, and
-    /// where the surroundings of a hole are smooth, the iteration ends with a thin plate: the mean of many exemplars has dimples.
+    /// publication, an exemplar is aligned with a patch by the best small shift and tilt, normals at the rim are those of the data only,
+    /// and where the surroundings of a hole are smooth, the iteration ends with a thin plate: the mean of many exemplars has dimples.
     Published,
 }
 

@@ -14,13 +14,13 @@ const CANDIDATES: usize = 1024;
 /// Maximum error of the best rotated exemplar, as a multiple of that of the best upright one.
 const MAX_RATIO: f64 = 0.9;
 
-/// Maximum error of the best of a sixteenth of the exemplars in 16 rotations, as a multiple of that of the best of all upright exemplars. If
-/// the surface has an upward direction, few rotated exemplars are similar to a patch, and the error is larger.
+/// Maximum error of the best of a sixteenth of the exemplars in 16 rotations, as a multiple of that of the best of all upright exemplars.
+/// If the surface has an upward direction, few rotated exemplars are similar to a patch, and the error is larger.
 const MAX_EQUAL_RATIO: f64 = 1.1;
 
 /// Returns the number of rotations in which exemplars should be tried. Patches of the data are compared with exemplars that do not overlap
-/// them. Rotation is used if it makes the best exemplars better, and if the surface has no upward direction, so that rotated exemplars are as
-/// good as upright ones.
+/// them. Rotation is used if it makes the best exemplars better, and if the surface has no upward direction, so that rotated exemplars are
+/// as good as upright ones.
 pub(super) fn suitable_rotations(exemplars: &Exemplars, radius: f64) -> u32 {
     let straight = Orientation::list(1, false)[0];
     let step = exemplars.len().div_ceil(CANDIDATES).max(1);

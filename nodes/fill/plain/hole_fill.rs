@@ -20,8 +20,8 @@ pub(crate) struct HoleFill {
     pub(crate) fallback: Option<Fallback>,
     /// True if creases of the surrounding surface are extended across the fill.
     pub(crate) is_sharp: bool,
-    /// For each vertex of the triangulation, true if it is beside a crease on a relief, whose shapes may be copied to it. Empty if no vertex
-    /// is.
+    /// For each vertex of the triangulation, true if it is beside a crease on a relief, whose shapes may be copied to it. Empty if no
+    /// vertex is.
     pub(crate) is_relief: Vec<bool>,
 }
 

@@ -15,8 +15,8 @@ use crate::triangles::triangulation::Triangulation;
 /// Minimum number of rim edges for extending creases that the user did not ask for.
 const MIN_RIM_EDGES: usize = 16;
 
-/// Maximum number of folded faces in a fill across which creases are extended that the user did not ask for. More are a sign that the surface
-/// has no creases.
+/// Maximum number of folded faces in a fill across which creases are extended that the user did not ask for. More are a sign that the
+/// surface has no creases.
 const MAX_FOLDED: usize = 2;
 
 /// Fills one hole. Edges have the length `edge`; if that is `None`, the edge length of the input mesh at the rim.

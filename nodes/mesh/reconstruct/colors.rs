@@ -76,8 +76,8 @@ impl<'a> ColorSums<'a> {
         Self { pyramid, skin_depth: pieces.skin_depth, layers }
     }
 
-    /// Returns the mean color of the points around a position: of those within about one edge of the result, or, if `is_supported`, of those
-    /// in the smallest coarser cells that have some.
+    /// Returns the mean color of the points around a position: of those within about one edge of the result, or, if `is_supported`, of
+    /// those in the smallest coarser cells that have some.
     fn color_at(&self, at: &Point3<f64>, is_supported: bool) -> Option<Rgb> {
         let cube = &self.pyramid.cube;
         let here = cube.in_cells(at, cube.depth);

@@ -48,8 +48,8 @@ impl Skin {
     }
 }
 
-/// Returns the closed surface at which a function has the value [`super::poisson::SURFACE`], with one vertex in each cell of `depth` that it
-/// intersects.
+/// Returns the closed surface at which a function has the value [`super::poisson::SURFACE`], with one vertex in each cell of `depth` that
+/// it intersects.
 pub(super) fn contour(field: &Field, depth: u32, progress: &Progress<'_>) -> Result<Skin, Error> {
     let (mut cells, mut nodes) = intersected_cells(field, progress)?;
     let halvings = field.cube.depth - depth;
@@ -86,8 +86,8 @@ pub(super) fn contour(field: &Field, depth: u32, progress: &Progress<'_>) -> Res
     Ok(Skin { positions, quads })
 }
 
-/// Returns the function at a node of a depth, averaged over a cell of that depth around the node. Where the field is finer than the surface,
-/// single values would miss some thin parts and hit others.
+/// Returns the function at a node of a depth, averaged over a cell of that depth around the node. Where the field is finer than the
+/// surface, single values would miss some thin parts and hit others.
 fn mean_value(field: &Field, place: CellIndex, depth: u32) -> f64 {
     let last = field.cube.depth;
     let steps = match last - depth {

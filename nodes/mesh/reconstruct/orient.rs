@@ -89,8 +89,8 @@ pub(super) fn opposed_fraction(pyramid: &Pyramid, surfels: &[Surfel]) -> f64 {
 /// Number of surfels whose given normals are compared with those of their neighbors.
 const SAMPLES: usize = 4096;
 
-/// A union-find structure of surfels that stores, for each surfel, whether its normal must be flipped to agree with the root of its set. One
-/// more element stands for the known orientations.
+/// A union-find structure of surfels that stores, for each surfel, whether its normal must be flipped to agree with the root of its set.
+/// One more element stands for the known orientations.
 struct Signs {
     parents: Vec<(u32, bool)>,
 }

@@ -62,8 +62,8 @@ pub(super) struct Pyramid {
     /// The indices of the points, ordered by finest cell.
     pub(super) order: Vec<u32>,
     pub(super) starts: Vec<u32>,
-    /// Minimum distance of two parallel sheets, in finest cells; nearer ones count as one noisy sheet. Infinite where the sides of the points
-    /// are known, as sheets that face the same side are scans that do not fit together.
+    /// Minimum distance of two parallel sheets, in finest cells; nearer ones count as one noisy sheet. Infinite where the sides of the
+    /// points are known, as sheets that face the same side are scans that do not fit together.
     pub(super) min_gap: f64,
     /// The distance of the opposite sides of thin parts, in finest cells, if it is known.
     pub(super) thickness: Option<f64>,
@@ -214,9 +214,9 @@ impl Pyramid {
 
     /// Returns the weighted sums of the nearer one of two sheets perpendicular to `normal`; `None` if there are not two sheets.
     ///
-    /// The heights of the points above a plane are divided into two classes such that the variance between them is largest: Otsu, "A threshold
-    /// selection method from gray-level histograms" (1979). The fraction of the variance that is between the classes is 0.75 for a bent sheet,
-    /// whose heights are evenly distributed, and 1 for two sheets without noise.
+    /// The heights of the points above a plane are divided into two classes such that the variance between them is largest: Otsu, "A
+    /// threshold selection method from gray-level histograms" (1979). The fraction of the variance that is between the classes is 0.75 for
+    /// a bent sheet, whose heights are evenly distributed, and 1 for two sheets without noise.
     fn sums_of_sheet(&self, at: [f64; 3], depth: u32, normal: &Vector3<f64>) -> Option<Moments> {
         let finer = (depth + 2).min(self.cube.depth);
         let layer = &self.layers[finer as usize];
@@ -357,7 +357,8 @@ pub(super) fn split(heights: impl Iterator<Item = (f64, f64)> + Clone) -> Option
     (best.between > 0.0).then_some(best)
 }
 
-/// Minimum standard deviation of the heights of two sheets, as a fraction of their distance, if the smaller sheet has a tenth of the points.
+/// Minimum standard deviation of the heights of two sheets, as a fraction of their distance, if the smaller sheet has a tenth of the
+/// points.
 const SMALLEST_DEVIATION: f64 = 0.3;
 
 /// Minimum fraction of the variance of the heights that is between two sheets.

@@ -37,8 +37,8 @@ pub(super) struct Gap {
 }
 
 /// Finds opposite sides that are near each other. Of the distances found, the result has the lower quartile. `None` if there are no such
-/// sides, or if the sides of the points are known. `flat` is the depth at which most neighborhoods are flat. Sides nearer to each other than
-/// the spacing of the points, `distance` in mm, cannot be told from chance.
+/// sides, or if the sides of the points are known. `flat` is the depth at which most neighborhoods are flat. Sides nearer to each other
+/// than the spacing of the points, `distance` in mm, cannot be told from chance.
 pub(super) fn find_gap(pyramid: &Pyramid, cloud: &Cloud, flat: u32, distance: f64) -> Option<Gap> {
     if pyramid.min_gap == f64::INFINITY {
         return None;

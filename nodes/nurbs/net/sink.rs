@@ -34,8 +34,8 @@ const MIN_HEIGHT: f64 = 2.0;
 
 /// The heights of a part over its surroundings.
 pub(crate) struct Relief {
-    /// The height of each point of the net, in mm; 0 for points that do not stand out, and outside. If the part ends at a step in depth, the
-    /// points just beyond the step have the height of the part there, so that surfaces of the net fall at the step and not before it.
+    /// The height of each point of the net, in mm; 0 for points that do not stand out, and outside. If the part ends at a step in depth,
+    /// the points just beyond the step have the height of the part there, so that surfaces of the net fall at the step and not before it.
     heights: Vec<f64>,
     highest: f64,
     /// The median length of the edges of the part, in mm.

@@ -25,8 +25,8 @@ pub(crate) struct Border {
 /// to fair surface design" (1995). Waves shorter than about eight cells are removed, longer ones stay.
 const FACTORS: [f64; 2] = [0.5, -0.53];
 
-/// Maximum distance of the vertices of a border from a parabola that straightens them, in cells. The filter leaves steps of about a third of
-/// a cell.
+/// Maximum distance of the vertices of a border from a parabola that straightens them, in cells. The filter leaves steps of about a third
+/// of a cell.
 const STRAIGHT: f64 = 0.6;
 
 /// The tolerance of positions, in that of places.
@@ -35,8 +35,8 @@ const DEPTH: f64 = 3.0;
 /// The number of faces that one task processes.
 const BLOCK: usize = 8192;
 
-/// When the border of the mesh is smoothed, each face must keep at least this fraction of its area, measured along its old normal. So no face
-/// is turned over.
+/// When the border of the mesh is smoothed, each face must keep at least this fraction of its area, measured along its old normal. So no
+/// face is turned over.
 const MIN_AREA_RATIO: f64 = 1e-3;
 
 /// The maximum number of halvings of a vertex's motion. Motions that remain after 32 halvings are too small to be visible.

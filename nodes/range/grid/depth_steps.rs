@@ -37,9 +37,9 @@ impl DepthSteps {
 }
 
 /// Finds the largest part of a region that no depth step divides: neighboring cells, along rows and columns, are on one surface if the
-/// distance of their points is at most `JUMP` times the median spacing of the grid. Cells without a measured point that are connected belong
-/// to the largest surface beside them, and connect it with those beside them that it continues. Of several equally large parts, the first is
-/// taken.
+/// distance of their points is at most `JUMP` times the median spacing of the grid. Cells without a measured point that are connected
+/// belong to the largest surface beside them, and connect it with those beside them that it continues. Of several equally large parts, the
+/// first is taken.
 ///
 /// Returns the cells of this part, and the steps. Without steps the region is returned unchanged.
 pub(crate) fn without_steps(region: Mask, range: &RangeImage) -> (Mask, DepthSteps) {

@@ -120,8 +120,8 @@ impl Coverage<'_> {
     }
 }
 
-/// Removes the steps of pixels of the width `pixel` (in cells) from a closed line. Returns as many points as before; each moves by less than
-/// a cell and a quarter, and by less than 0.7 cells for pixels half as wide as a cell.
+/// Removes the steps of pixels of the width `pixel` (in cells) from a closed line. Returns as many points as before; each moves by less
+/// than a cell and a quarter, and by less than 0.7 cells for pixels half as wide as a cell.
 fn smooth(line: &[[f64; 2]], pixel: f64) -> Vec<[f64; 2]> {
     let closed = ClosedLine::new(line);
     let tolerance = 0.1 + 0.8 * pixel;

@@ -32,27 +32,29 @@ impl Terraces {
         let (width, height) = (range.width(), range.height());
         let stride = (width * height).div_ceil(MAX_CELLS).max(1);
         let rows = (0..height).step_by(stride).map(|row| &range.points()[row * width..][..width]);
+        let pairs = rows.clone().flat_map(|row| row.array_windows::<2>().map(|[a, b]| [a.z, b.z]));
+        let pairs = pairs.filter(|[a, b]| a.is_finite() && b.is_finite());
+        let (count, equal) = pairs
+            .clone()
+            .fold((0_u32, 0_u32), |(count, equal), [a, b]| (count + 1, equal + u32::from(a == b)));
+        if f64::from(equal) < MIN_SHARES[0] * f64::from(count) {
+            return None;
+        }
         let mut levels: Vec<f64> =
-            rows.clone().flatten().map(|point| point.z).filter(|depth| depth.is_finite()).collect();
+            rows.flatten().map(|point| point.z).filter(|depth| depth.is_finite()).collect();
         levels.sort_unstable_by(f64::total_cmp);
         levels.dedup();
         if levels.len() < MIN_LEVELS {
             return None;
         }
-        let (mut pairs, mut equal, mut steps) = (0, 0, Vec::new());
-        for [a, b] in rows.flat_map(|row| row.array_windows::<2>()) {
-            if !(a.z.is_finite() && b.z.is_finite()) {
-                continue;
-            }
-            pairs += 1;
-            equal += usize::from(a.z == b.z);
-            let next = levels.partition_point(|&level| level <= a.z.min(b.z));
-            if levels.get(next) == Some(&a.z.max(b.z)) {
-                steps.push((b.z - a.z).abs());
+        let mut steps = Vec::new();
+        for [a, b] in pairs {
+            let next = levels.partition_point(|&level| level <= a.min(b));
+            if levels.get(next) == Some(&a.max(b)) {
+                steps.push((b - a).abs());
             }
         }
-        let shares = [equal, steps.len()].map(|count| count as f64 / f64::from(pairs.max(1)));
-        if steps.is_empty() || shares.iter().zip(MIN_SHARES).any(|(share, least)| *share < least) {
+        if steps.is_empty() || (steps.len() as f64) < MIN_SHARES[1] * f64::from(count) {
             return None;
         }
         let middle = steps.len() / 2;

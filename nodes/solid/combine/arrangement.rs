@@ -37,8 +37,8 @@ const ROUNDS: usize = 6;
 const WELD: i64 = 2048;
 
 /// Applies an operation to the solids that are merged in `mesh`. `first_faces` has the index of each solid's first face; `is_inside` tells
-/// from the winding numbers of the solids whether a place is inside of the result. The result is closed, manifold and oriented, and does not
-/// cross itself.
+/// from the winding numbers of the solids whether a place is inside of the result. The result is closed, manifold and oriented, and does
+/// not cross itself.
 ///
 /// # Errors
 /// Returns an error if a solid is not closed, if the result still crosses itself after some rounds, or if the evaluation is cancelled.

@@ -272,8 +272,8 @@ fn along_ray(
     found
 }
 
-/// Returns the winding number of the triangles of a closed mesh around a point. If rays in all directions pass too close to edges, rays from
-/// points at a distance of up to `nudge` decide.
+/// Returns the winding number of the triangles of a closed mesh around a point. If rays in all directions pass too close to edges, rays
+/// from points at a distance of up to `nudge` decide.
 pub(crate) fn winding_number(
     at: Point3<f64>,
     nudge: f64,

@@ -22,8 +22,8 @@ pub(super) const STARTS: [[f64; 3]; 6] = [
     [0.13, 0.37, 0.50],
 ];
 
-/// Intersects a triangle with a ray in the positive direction of an axis. `near` is the distance below which the ray begins too close to the
-/// triangle.
+/// Intersects a triangle with a ray in the positive direction of an axis. `near` is the distance below which the ray begins too close to
+/// the triangle.
 pub(super) fn hit(corners: [[f64; 3]; 3], from: [f64; 3], axis: usize, near: f64) -> Hit {
     let [i, j] = [(axis + 1) % 3, (axis + 2) % 3];
     let offset = corners.map(|corner| [0, 1, 2].map(|k| corner[k] - from[k]));

@@ -101,8 +101,8 @@ impl Backs<'_> {
         Ok(motion)
     }
 
-    /// Increases the heights of back vertices that are too close to the surface, or, if `vertices_only` is false, that belong to a moved face
-    /// of which a point is too close. Returns true if there are any.
+    /// Increases the heights of back vertices that are too close to the surface, or, if `vertices_only` is false, that belong to a moved
+    /// face of which a point is too close. Returns true if there are any.
     fn raise(
         &self,
         tree: &TriangleTree,
@@ -275,9 +275,9 @@ impl Backs<'_> {
         }
     }
 
-    /// Extrapolates the directions at borders. All faces of a border vertex are on one side of it, so that the mean of their normals is that
-    /// at a place half an edge away: the direction at the border is as far from this mean as the mean is from the directions one edge away.
-    /// Walls that would lean inwards stay perpendicular to the faces, so that the layer is thick enough behind all of them.
+    /// Extrapolates the directions at borders. All faces of a border vertex are on one side of it, so that the mean of their normals is
+    /// that at a place half an edge away: the direction at the border is as far from this mean as the mean is from the directions one edge
+    /// away. Walls that would lean inwards stay perpendicular to the faces, so that the layer is thick enough behind all of them.
     fn extrapolate(&self, directions: &mut [Vector3<f64>]) {
         let mut along: Vec<Option<Vector3<f64>>> = vec![None; directions.len()];
         for side in self.borders.iter().map(|&side| &self.sides[side as usize]) {

@@ -78,8 +78,8 @@ impl Backs<'_> {
             .collect()
     }
 
-    /// Returns the faces behind which a layer is thinner than `thickness` mm: the moved face is too near, or a ray straight inwards from the
-    /// face leaves the layer too early. Rays that leave it by a wall at a border do not count.
+    /// Returns the faces behind which a layer is thinner than `thickness` mm: the moved face is too near, or a ray straight inwards from
+    /// the face leaves the layer too early. Rays that leave it by a wall at a border do not count.
     pub(super) fn thin_faces(
         &self,
         tree: &TriangleTree,

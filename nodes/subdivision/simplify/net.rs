@@ -324,8 +324,8 @@ impl Net {
         if !common.eq(apexes.iter().copied()) || shared.len() > 2 {
             return false;
         }
-        // The link condition also concerns edges (Dey et al., "Topology preserving edge contraction", 1999). A side that joins both apexes in
-        // a face at `a` and in a face at `b` would get two equal faces, as when an edge of a tetrahedron is collapsed.
+        // The link condition also concerns edges (Dey et al., "Topology preserving edge contraction", 1999). A side that joins both apexes
+        // in a face at `a` and in a face at `b` would get two equal faces, as when an edge of a tetrahedron is collapsed.
         if let [c, d] = apexes[..]
             && [a, b].iter().all(|&end| self.has_face([end, c, d]))
         {

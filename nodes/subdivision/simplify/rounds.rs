@@ -1,9 +1,9 @@
 //! Simplification of large meshes by rounds of independent collapses, on all threads.
 //!
 //! A priority queue performs one collapse after the other. Here each round performs many: those edges whose costs are among the lowest, and
-//! lower than that of every other such edge nearby. Luby, "A simple parallel algorithm for the maximal independent set problem" (1986); with
-//! the same result for any number of threads: Blelloch, Fineman, Gibbons and Shun, "Internally deterministic parallel algorithms can be
-//! fast" (2012).
+//! lower than that of every other such edge nearby. Luby, "A simple parallel algorithm for the maximal independent set problem" (1986);
+//! with the same result for any number of threads: Blelloch, Fineman, Gibbons and Shun, "Internally deterministic parallel algorithms can
+//! be fast" (2012).
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -32,8 +32,8 @@ pub(super) struct Rounds {
     ranked: Vec<Ranked>,
 }
 
-/// A collapse that takes part in a round. It is ordered by cost, then by length. A hash breaks ties: by index, neighbors in flat parts would
-/// have to wait for each other in long chains.
+/// A collapse that takes part in a round. It is ordered by cost, then by length. A hash breaks ties: by index, neighbors in flat parts
+/// would have to wait for each other in long chains.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Ranked {
     cost: u64,
@@ -140,8 +140,8 @@ impl Rounds {
             .unwrap_or(DEAD - 1)
     }
 
-    /// Returns the indices of those collapses that have a lower rank than all others at their ends and at the neighbors of their ends. So no
-    /// two of them have a face in common.
+    /// Returns the indices of those collapses that have a lower rank than all others at their ends and at the neighbors of their ends. So
+    /// no two of them have a face in common.
     fn lowest_around(&self, net: &Net) -> Vec<u32> {
         let ends = |ranked: &Ranked| self.collapses[ranked.index as usize].ends;
         let all = self.ranked.par_iter().enumerate().with_min_len(1024);

@@ -38,8 +38,8 @@ struct MixedWedge {
 pub(super) type Side = [u32; 2];
 
 impl Wedges {
-    /// Finds the wedges of a mesh that was cut into triangles. Quadrics are relative to `origin`. `corners` has for each triangle its corners
-    /// in the input mesh. Returns `None` if the mesh has no corner attributes other than normals, which are dropped.
+    /// Finds the wedges of a mesh that was cut into triangles. Quadrics are relative to `origin`. `corners` has for each triangle its
+    /// corners in the input mesh. Returns `None` if the mesh has no corner attributes other than normals, which are dropped.
     pub(super) fn new(
         mesh: &Mesh,
         origin: Point3<f64>,

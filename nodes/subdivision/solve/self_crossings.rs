@@ -23,9 +23,9 @@ pub(crate) struct SelfCrossings {
 }
 
 impl SelfCrossings {
-    /// Finds the crossings of the surface through `points` with the control points `control`. `spacings` has the distance of each point from
-    /// its nearest neighbor. `draw` returns faces of the surface; it is called only if a control point is so far from its point that the
-    /// surface may have fins. Returns `None` if nothing crosses.
+    /// Finds the crossings of the surface through `points` with the control points `control`. `spacings` has the distance of each point
+    /// from its nearest neighbor. `draw` returns faces of the surface; it is called only if a control point is so far from its point that
+    /// the surface may have fins. Returns `None` if nothing crosses.
     ///
     /// # Errors
     /// Returns an error if the evaluation is cancelled.

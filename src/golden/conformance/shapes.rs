@@ -30,8 +30,8 @@ const NEAR: f64 = 4.0;
 /// Maximum deviation of the result for a shape that is changed little, as a fraction of its size, if the node follows its inputs.
 const FOLLOWS: f64 = 1e-2;
 
-/// Maximum deviation of the result for a shape that is far away, tiny or huge, as a fraction of its size, if that for a shape that is changed
-/// little deviates less. A node that chooses between nearly equal faces may choose others.
+/// Maximum deviation of the result for a shape that is far away, tiny or huge, as a fraction of its size, if that for a shape that is
+/// changed little deviates less. A node that chooses between nearly equal faces may choose others.
 const ALIKE: f64 = 1e-4;
 
 /// Maximum deviation of the result for a shape with faces without area, as a fraction of its size.
@@ -166,8 +166,8 @@ fn without_attributes(mesh: &Mesh) -> Option<Mesh> {
     Mesh::new(mesh.positions().clone(), faces).ok()
 }
 
-/// Returns what is wrong with the result for a shape that is far away, tiny or huge. `ordinary` gives the result for a shape that is changed
-/// little; if that deviates, too, the node does not follow its inputs, and nothing is wrong.
+/// Returns what is wrong with the result for a shape that is far away, tiny or huge. `ordinary` gives the result for a shape that is
+/// changed little; if that deviates, too, the node does not follow its inputs, and nothing is wrong.
 fn unlike(
     result: Option<Result<Deviation, String>>,
     ordinary: impl FnOnce() -> Option<Result<Deviation, String>>,
@@ -306,8 +306,8 @@ fn area_and_volume(mesh: &Mesh, tip: Point3<f64>) -> [f64; 2] {
     sums
 }
 
-/// Divides a few pairs of triangles of a mesh. A new vertex is on the common edge or at its start, but belongs to one of the triangles only:
-/// a third triangle without area is between them. Returns `None` if there is no such pair.
+/// Divides a few pairs of triangles of a mesh. A new vertex is on the common edge or at its start, but belongs to one of the triangles
+/// only: a third triangle without area is between them. Returns `None` if there is no such pair.
 fn divide_faces(mesh: &Mesh) -> Option<Mesh> {
     let mut points = mesh.positions().to_vec();
     let mut faces = mesh.faces().as_triangles()?.to_vec();

@@ -12,8 +12,8 @@ use crate::{
 /// The name of the part that holds the size of the chart's grid. Tests ignore this part, because the fact `chart` contains the size too.
 const GRID: &str = "chart grid";
 
-/// The names of the parts with the distances from the region's rim, and with the flags of interpolated points. Tests ignore them, because the
-/// points that an offset moves contain their effect.
+/// The names of the parts with the distances from the region's rim, and with the flags of interpolated points. Tests ignore them, because
+/// the points that an offset moves contain their effect.
 const RIM_DISTANCES: &str = "rim distance";
 const INTERPOLATED: &str = "interpolated";
 

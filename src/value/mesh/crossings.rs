@@ -26,10 +26,10 @@ impl Mesh {
     /// The pairs of faces at which the surface passes through itself, in ascending order. Exact predicates decide: Shewchuk, "Adaptive
     /// precision floating-point arithmetic and fast robust geometric predicates" (1997).
     ///
-    /// Two faces cross if their interiors do. Two surfaces also cross where an edge of one lies in a face or along an edge of the other, and
-    /// the faces at the edge are on different sides of the other surface; or where both share a plane region that the one enters from one
-    /// side and leaves to the other. Surfaces that merely touch, in a point, an edge or a plane region, do not count. Points within 1e-12 of
-    /// the mesh's diagonal count as touching, so that a motion, whose result is rounded, does not make crossings of contacts.
+    /// Two faces cross if their interiors do. Two surfaces also cross where an edge of one lies in a face or along an edge of the other,
+    /// and the faces at the edge are on different sides of the other surface; or where both share a plane region that the one enters from
+    /// one side and leaves to the other. Surfaces that merely touch, in a point, an edge or a plane region, do not count. Points within
+    /// 1e-12 of the mesh's diagonal count as touching, so that a motion, whose result is rounded, does not make crossings of contacts.
     ///
     /// Cost grows with n log n. `check` is called from time to time; if it returns an error, the search is canceled.
     ///

@@ -93,8 +93,8 @@ impl<'a> Joints<'a> {
 }
 
 impl Surface {
-    /// Returns true if different parameters at the ends of the domain have the same point: the surface is closed in a direction, or a border
-    /// is a single point. A tessellation is joined there.
+    /// Returns true if different parameters at the ends of the domain have the same point: the surface is closed in a direction, or a
+    /// border is a single point. A tessellation is joined there.
     pub fn has_joints(&self) -> bool {
         let joints = Joints::new(self);
         let is_pole = |fixed, knots: &KnotVector| {
@@ -214,8 +214,8 @@ impl CornerList {
         }
     }
 
-    /// Adds a face of three or four corners, unless fewer than three of them differ. Each corner is given by the first vertex of its set and
-    /// by its own vertex.
+    /// Adds a face of three or four corners, unless fewer than three of them differ. Each corner is given by the first vertex of its set
+    /// and by its own vertex.
     fn add_face(&mut self, corners: impl Iterator<Item = (u32, u32)>) {
         let before = self.vertices.len();
         for (first, vertex) in corners {
@@ -257,8 +257,8 @@ mod tests {
     use super::super::super::{ControlNet, Extent, Topology};
     use super::*;
 
-    /// Returns the surface of revolution of a profile of arcs or, if `is_round` is false, of straight lines; around the z axis. Each point has
-    /// the distance from the axis and the height.
+    /// Returns the surface of revolution of a profile of arcs or, if `is_round` is false, of straight lines; around the z axis. Each point
+    /// has the distance from the axis and the height.
     fn revolved(profile: &[[f64; 2]], is_round: bool) -> Surface {
         let half = std::f64::consts::FRAC_1_SQRT_2;
         let around = [

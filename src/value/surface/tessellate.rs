@@ -37,7 +37,8 @@ impl Surface {
         Ok(self.join_grid(open, [&us, &vs])?.with_frame(self.net.frame().copied()))
     }
 
-    /// The mesh of [`tessellate`](Self::tessellate) for the given `u` and `v` with one vertex for each pair of parameters: its seams are open.
+    /// The mesh of [`tessellate`](Self::tessellate) for the given `u` and `v` with one vertex for each pair of parameters: its seams are
+    /// open.
     ///
     /// # Errors
     /// The errors of [`tessellate`](Self::tessellate).

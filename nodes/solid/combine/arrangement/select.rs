@@ -56,8 +56,8 @@ pub(super) struct Complex<'a> {
 /// there are `solids`, whether a place is inside of the result.
 ///
 /// The surfaces divide the space into cells of constant winding numbers (Zhou, Grinspun, Zorin and Jacobson, "Mesh arrangements for solid
-/// geometry", 2016). All parts that are connected without passing another surface separate the same two cells, so one ray decides for all of
-/// them.
+/// geometry", 2016). All parts that are connected without passing another surface separate the same two cells, so one ray decides for all
+/// of them.
 pub(super) fn select(
     complex: &mut Complex<'_>,
     solids: usize,

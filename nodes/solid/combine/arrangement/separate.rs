@@ -154,8 +154,8 @@ fn twins(corners: &[u32], points: &Points) -> Option<Vec<usize>> {
             link(a, b, &mut twins);
             continue;
         }
-        // In the order of angles around the edge, the inside of a solid extends from a part with a backward half-edge to the next part with a
-        // forward half-edge.
+        // In the order of angles around the edge, the inside of a solid extends from a part with a backward half-edge to the next part with
+        // a forward half-edge.
         let mut open = Vec::new();
         let mut is_linked = vec![false; same.len()];
         let round = by_angle(same, corners, points);

@@ -26,8 +26,8 @@ const SURROUNDINGS: f64 = 2.0;
 /// Surfaces whose sizes differ by more than this factor are not compared.
 const MAX_GROWTH: f64 = 1.5;
 
-/// Draws the first output of a graph that has faces. If its shape was changed, the mesh or range image that it was made from is drawn at its
-/// left, by the same camera, which looks at the change.
+/// Draws the first output of a graph that has faces. If its shape was changed, the mesh or range image that it was made from is drawn at
+/// its left, by the same camera, which looks at the change.
 pub(super) fn draw(graph: &Graph, session: &mut Session) -> Option<Image> {
     let source = source_names(graph);
     let targets = graph.output_names().map(str::to_owned).chain(source.iter().cloned()).collect();

@@ -62,7 +62,8 @@ fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// Returns true if an edge in the plane of a triangle has more than a point in common with the triangle's interior or with one of its edges.
+/// Returns true if an edge in the plane of a triangle has more than a point in common with the triangle's interior or with one of its
+/// edges.
 pub(super) fn overlaps(predicates: &Predicates<'_>, edge: [u32; 2], triangle: Corners) -> bool {
     Plane::of(predicates, triangle).is_some_and(|plane| {
         plane.crosses_interior(predicates, edge, triangle)
@@ -350,8 +351,8 @@ impl Line<'_> {
     }
 }
 
-/// Regions in which two surfaces coincide. Each region consists of pairs of coinciding triangles: one of the surface that is judged, and one
-/// of the other surface.
+/// Regions in which two surfaces coincide. Each region consists of pairs of coinciding triangles: one of the surface that is judged, and
+/// one of the other surface.
 #[derive(Default)]
 struct Regions {
     numbers: BTreeMap<[u32; 2], usize>,
