@@ -39,7 +39,7 @@ impl<'a> Original<'a> {
             let [a, b] = edges.vertices[first].map(|end| mesh.positions()[end as usize]);
             let at = nalgebra::center(&a, &b);
             bail!(
-                "{crowded} edges have more than two faces, the first one at ({:.3}, {:.3}, {:.3}): the mesh is not a surface there; use `Solid(base: Keep, repair: Voxels())` or `Reconstruct` to make one of it",
+                "{crowded} edges have more than two faces, the first one at ({:.3}, {:.3}, {:.3}): the mesh is not a surface there; use `Reconstruct` to make one of it",
                 at.x,
                 at.y,
                 at.z

@@ -156,7 +156,7 @@ fn check_edges(edges: &Edges, mesh: &Connectivity) -> Result<(), Error> {
     Err(non_manifold(
         "edges have more than two faces or faces that disagree about their side",
         bad.iter().map(|[a, b]| format!("({a}, {b})")),
-        "use `Orient` to turn faces, or `Solid(base: Keep, repair: Voxels())` to make one surface",
+        "use `Orient` to turn faces, or `Reconstruct` to make one surface",
     ))
 }
 

@@ -453,7 +453,7 @@ fn polygons_and_non_manifold_meshes_are_errors() {
         "face 1 has 4 corners, but Loop's scheme needs triangles; use `CatmullClark`, or `Remesh` to make triangles"
     );
     let three = error(&scattered_mesh(vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]));
-    let expected = "the mesh is not a surface: 1 edges have more than two faces or faces that disagree about their side: (0, 1); use `Orient` to turn faces, or `Solid(base: Keep, repair: Voxels())` to make one surface";
+    let expected = "the mesh is not a surface: 1 edges have more than two faces or faces that disagree about their side: (0, 1); use `Orient` to turn faces, or `Reconstruct` to make one surface";
     assert_eq!(three, expected);
     let turned = error(&scattered_mesh(vec![[0, 1, 2], [0, 1, 3]]));
     assert_eq!(turned, expected);
