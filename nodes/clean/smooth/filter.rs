@@ -145,7 +145,7 @@ impl<'a> System<'a> {
             let square = residual.re.norm_squared() + residual.im.norm_squared();
             Sums {
                 product: sums.product + residual.product(&residual.times(over)),
-                size: sums.size + square * over.norm(),
+                size: sums.size + square * over.norm_sqr().sqrt(),
             }
         });
         parts.into_iter().fold(Sums::default(), |a, b| Sums {
