@@ -91,7 +91,7 @@ fn octahedron() -> Triangles {
     let faces = (0..8).map(|k: u32| {
         let [x, y, z] = [k & 1, 2 + (k >> 1 & 1), 4 + (k >> 2)];
         // An odd number of negative coordinates mirrors the face.
-        if k.count_ones() % 2 == 0 { [x, y, z] } else { [y, x, z] }
+        if k.count_ones().is_multiple_of(2) { [x, y, z] } else { [y, x, z] }
     });
     (points.collect(), faces.collect())
 }

@@ -293,9 +293,9 @@ mod tests {
 
     #[test]
     fn surfaces_of_revolution_are_found() {
-        let profiles: [(fn(f64) -> f64, usize); 3] =
-            [(|_| 12.0, 1), (|z| 8.0 + 0.5 * z, 2), (|z| 14.0 + 0.2 * z - 0.03 * z * z, 3)];
-        for (radius, terms) in profiles {
+        let profiles: [fn(f64) -> f64; 3] =
+            [|_| 12.0, |z| 8.0 + 0.5 * z, |z| 14.0 + 0.2 * z - 0.03 * z * z];
+        for (radius, terms) in profiles.into_iter().zip(1..) {
             for arc in [0.6, 1.5, 5.0] {
                 let samples = part(radius, arc);
                 let fit = Revolution::fit(&samples, terms, None).unwrap();

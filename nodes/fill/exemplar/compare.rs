@@ -141,11 +141,11 @@ impl PatchSamples {
         for (first, some) in self.samples.chunks(LANES).enumerate() {
             let view: View<LANES> = View::new(some, step, orientation, [0.0; 2]);
             let slopes = view.distance_slopes(heights);
-            for k in 0..some.len() {
-                let sample = LANES * first + k;
+            let slopes = slopes[0].iter().zip(&slopes[1]).take(some.len());
+            for (sample, (of_u, of_v)) in (LANES * first..).zip(slopes) {
                 let distance = distances[sample];
                 let [u, v] = self.positions[sample];
-                let row = Vector5::new(1.0, u, v, slopes[0][k], slopes[1][k]);
+                let row = Vector5::new(1.0, u, v, *of_u, *of_v);
                 if distance.is_finite() && row.iter().all(|x| x.is_finite()) {
                     matrix += row * row.transpose();
                     right += row * distance;

@@ -102,7 +102,7 @@ impl Body {
             };
             Face { normal, kind }
         });
-        let noise = if seed % 2 == 0 { 0.0 } else { draw(seed, 1, 0.0, 0.05) };
+        let noise = if seed.is_multiple_of(2) { 0.0 } else { draw(seed, 1, 0.0, 0.05) };
         Self { faces: faces.collect(), is_hollow: seed % 5 == 4, noise }
     }
 

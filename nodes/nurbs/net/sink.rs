@@ -75,7 +75,7 @@ struct Reached {
 /// Returns the neighbors of a point in its row and column of a net with the given numbers of columns and points.
 fn neighbors(at: usize, columns: usize, count: usize) -> impl Iterator<Item = usize> {
     let near = [
-        (at % columns > 0).then(|| at - 1),
+        (!at.is_multiple_of(columns)).then(|| at - 1),
         (at % columns + 1 < columns).then_some(at + 1),
         at.checked_sub(columns),
         (at + columns < count).then_some(at + columns),

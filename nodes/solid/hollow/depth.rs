@@ -59,7 +59,7 @@ pub(super) fn counts(
 /// Returns the smallest edge length of cells, in mm and rounded up to three digits, at which the grid does not have too many nodes.
 pub(super) fn smallest_spacing([low, high]: [Point3<f64>; 2]) -> f64 {
     let size = high - low;
-    let mut spacing = (size.product() / NODES.max as f64).cbrt().max(1e-3);
+    let mut spacing = libm::cbrt(size.product() / NODES.max as f64).max(1e-3);
     while counts([low, high], spacing).is_err() {
         spacing *= 1.05;
     }

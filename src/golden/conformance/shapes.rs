@@ -268,8 +268,7 @@ fn deviation(expected: &[AnyValue], found: &[AnyValue]) -> Result<Deviation, Str
             measures.push(("volume", (one[1] - other[1]).abs() / (size * area)));
         }
         for (name, size) in measures {
-            // The difference may be no number.
-            if !(size <= largest.size) {
+            if largest.size < size || size.is_nan() {
                 largest = Deviation { what: format!("the {name} of the {kind}"), size };
             }
         }

@@ -103,7 +103,8 @@ fn rims_of_ellipses_have_no_steps() {
                 })
                 .collect();
             let off = distance(&rims[0], &truth).max(distance(&truth, &rims[0]));
-            let tightest = radii[0].min(radii[1]).powi(2) / radii[0].max(radii[1]);
+            let [low, high] = [radii[0].min(radii[1]), radii[0].max(radii[1])];
+            let tightest = low * low / high;
             let turn = largest_turn(&rims[0]);
             let allowed = (1.0 / tightest).to_degrees() + if scale == 1 { 25.0 } else { 15.0 };
             assert!(off <= if scale == 1 { 0.6 } else { 0.4 }, "{scale} {radii:?}: {off}");
