@@ -5,6 +5,7 @@
 //! layer is too thin. That volume comes from a grid, and is cut off at the surface by `Boolean`, so that the surface itself does not
 //! change.
 
+use maquette_base::topology::flat_faces::remove_flat_faces;
 use maquette_mesh::{Outside, orient};
 use maquette_node::{Carry, Context, Error, In, Node, Progress, Promise, Transfer, Want, bail};
 use maquette_value::{Mesh, TriangleTree};
@@ -133,7 +134,9 @@ pub fn shell(
             "the surface has no inside behind it: use `Orient` to make its faces look outward, or `side: Middle`, which needs no inside"
         );
     }
-    let bare = mesh.clone().without_attribute("normal");
+    // Faces without area have no side, and layers would follow the angles of their corners.
+    let cleaned = remove_flat_faces(mesh, |_| true)?;
+    let bare = cleaned.as_ref().unwrap_or(mesh).clone().without_attribute("normal");
     let shell = match side {
         Side::Inside => patch::one_sided(&bare, thickness, progress)?,
         Side::Outside => {

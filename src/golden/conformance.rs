@@ -1,23 +1,20 @@
 //! Checks the laws that every pack (plug-in) must obey. The tests of a pack call [`check`].
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::collections::BTreeSet;
 use std::path::Path;
-use std::sync::Mutex;
 
 use maquette_engine::eval::Evaluator;
 use maquette_graph::catalog::{Catalog, Entry};
-use maquette_graph::{Graph, GraphNode, Options, is_name};
-use maquette_node::importers::Readers;
+use maquette_graph::{Graph, Options, is_name};
 use maquette_node::pack::Pack;
-use maquette_node::{CancelToken, Context, Progress};
-use maquette_syntax::error::Error;
+use maquette_node::{CancelToken, Progress};
 use maquette_syntax::{check_default, variants};
-use maquette_value::{AnyValue, ValueType};
+use maquette_value::AnyValue;
 use serde_json::Value as Json;
 
 mod attributes;
 mod cells;
+mod evaluation;
 mod extremes;
 mod files;
 mod formats;
@@ -28,10 +25,8 @@ mod shapes;
 mod updates;
 mod values;
 
+use self::evaluation::{EdgeCases, MEMORY, Values, call_with_context, inputs, run_all};
 use self::scalars::Scalars;
-
-/// The memory limit of each evaluator, in bytes.
-const MEMORY: usize = 1 << 30;
 
 /// Checks that `pack` obeys these laws:
 ///
@@ -346,72 +341,6 @@ const MODERATE: f64 = 1e9;
 fn is_moderate(value: &AnyValue) -> bool {
     let bounds = value.get::<maquette_value::Mesh>().and_then(maquette_value::Mesh::bounds);
     bounds.is_some_and(|(low, high)| low.coords.amax().max(high.coords.amax()) < MODERATE)
-}
-
-/// The value types by name. They provide the edge cases.
-struct EdgeCases(HashMap<&'static str, &'static ValueType>);
-
-impl EdgeCases {
-    /// Returns edge cases of the value type with this name.
-    fn values(&self, kind: &str) -> Vec<AnyValue> {
-        self.0.get(kind).map_or_else(Vec::new, |kind| kind.edge_cases())
-    }
-}
-
-/// The values of outputs, by the index of the node and the index of its output.
-type Values = BTreeMap<(usize, usize), AnyValue>;
-
-/// Returns the input values of a node, or `None` if one of them is missing.
-fn inputs(node: &GraphNode, values: &Values) -> Option<Vec<AnyValue>> {
-    node.links.iter().map(|link| values.get(&(link.node, link.output)).cloned()).collect()
-}
-
-/// Evaluates a graph, and returns all outputs of all nodes.
-fn run_all(graph: &Graph) -> Result<Values, String> {
-    let mut evaluator = Evaluator::new(0, MEMORY).map_err(|error| error.to_string())?;
-    let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
-    let places = (0..graph.nodes().len())
-        .flat_map(|node| (0..graph.nodes()[node].outputs.len()).map(move |output| (node, output)));
-    Ok(places
-        .filter_map(|place: (usize, usize)| {
-            Some((place, evaluation.value(place.0, place.1)?.clone()))
-        })
-        .collect())
-}
-
-/// Runs a single node. Failing is not an error, but panicking is: the error is the message of the panic.
-fn run_node(node: &GraphNode, inputs: &[AnyValue], progress: Progress<'_>) -> Result<(), String> {
-    evaluate_node(node, inputs, progress).map(|_| ())
-}
-
-/// Evaluates a single node with the given inputs. Returns `None` if the node fails. The error is the message of a panic.
-fn evaluate_node(
-    node: &GraphNode,
-    inputs: &[AnyValue],
-    progress: Progress<'_>,
-) -> Result<Option<Vec<AnyValue>>, String> {
-    let (result, _) = call_with_context(inputs, progress, |cx| node.node.eval(cx))?;
-    Ok(result.ok())
-}
-
-/// Runs code of a node with the given inputs. Returns its result and warnings. The error is the message of a panic.
-fn call_with_context<R>(
-    inputs: &[AnyValue],
-    progress: Progress<'_>,
-    work: impl FnOnce(&Context<'_>) -> Result<R, Error>,
-) -> Result<(Result<R, Error>, Vec<String>), String> {
-    let (files, readers) = (BTreeMap::new(), Readers::default());
-    let cx = Context {
-        inputs,
-        files: &files,
-        progress,
-        memos: None,
-        readers: &readers,
-        warnings: Mutex::default(),
-    };
-    let result = catch_unwind(AssertUnwindSafe(|| work(&cx)));
-    let result = result.map_err(|panic| maquette_syntax::error::panic_message(&*panic))?;
-    Ok((result, cx.warnings.into_inner().unwrap_or_else(|broken| broken.into_inner())))
 }
 
 #[cfg(test)]

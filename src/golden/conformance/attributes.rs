@@ -6,8 +6,8 @@
 use maquette_node::{DOMAINS, Progress, Transfer};
 use maquette_value::{AnyValue, Attribute, Attributes, Mesh, Points};
 
+use super::evaluation::{evaluate_node, inputs};
 use super::extremes::Case;
-use super::{evaluate_node, inputs};
 
 /// The name of the attribute that stores the number of an element. All other marks of the element are computed from this number.
 const MARK: &str = "mark-of-the-law";

@@ -4,8 +4,8 @@
 use maquette_node::{Progress, Transfer};
 use maquette_value::{AnyValue, Attribute, Mesh, RangeImage, Rgb, value_type};
 
+use super::evaluation::{evaluate_node, inputs};
 use super::extremes::Case;
-use super::{evaluate_node, inputs};
 
 /// Checks that a node handles the attributes of cells as it declares. If a port accepts several types, it gets a range image.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {

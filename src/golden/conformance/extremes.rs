@@ -10,8 +10,8 @@ use maquette_value::AnyValue;
 use maquette_value::rng::Random;
 use serde_json::Value as Json;
 
+use super::evaluation::{EdgeCases, Values, inputs, run_node};
 use super::scalars::Scalars;
-use super::{EdgeCases, Values, inputs, run_node};
 
 /// A node in its example graph, with the input values that it has in the example.
 pub(super) struct Case<'a> {

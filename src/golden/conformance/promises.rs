@@ -4,8 +4,8 @@ use maquette_graph::catalog::{Catalog, Entry};
 use maquette_node::{Progress, Source};
 use maquette_value::AnyValue;
 
+use super::evaluation::{evaluate_node, inputs};
 use super::extremes::Case;
-use super::{evaluate_node, inputs};
 
 /// Checks that all ports, outputs and properties exist that the promises of a node name.
 pub(super) fn check_names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) {

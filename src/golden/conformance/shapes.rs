@@ -10,9 +10,9 @@ use maquette_value::{AnyValue, Faces, Items, Meaning, Mesh, RangeImage, bounds};
 use nalgebra::{Point3, Vector3, distance};
 use serde_json::Value as Json;
 
+use super::evaluation::{call_with_context, inputs};
 use super::extremes::Case;
 use super::scalars::Scalars;
-use super::{call_with_context, inputs};
 
 /// The distance to which shapes are moved, in lengths of the shape: a power of two, so that the move is exact.
 const FAR: f64 = 1_048_576.0;

@@ -7,8 +7,8 @@ use maquette_node::{Previous, Progress};
 use maquette_value::rng::Random;
 use maquette_value::{AnyValue, Attribute, Hash, Items, Mesh};
 
+use super::evaluation::{call_with_context, inputs};
 use super::extremes::Case;
-use super::{call_with_context, inputs};
 
 /// The number of random changes that are tested for each value.
 const CHANGES: usize = 12;
