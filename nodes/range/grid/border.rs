@@ -29,7 +29,7 @@ const FACTORS: [f64; 2] = [0.5, -0.53];
 /// of a cell.
 const STRAIGHT: f64 = 0.6;
 
-/// The tolerance of positions, in that of places.
+/// The tolerance of positions, as a multiple of that of places in the grid.
 const DEPTH: f64 = 3.0;
 
 /// The number of faces that one task processes.
