@@ -14,7 +14,7 @@ const LEFT: usize = 4;
 /// Returns the borders of the cells whose entry is 1 in a `width` x `height` grid. The outer border comes first. The borders of holes
 /// follow in the order in which they are found row by row from the top. A hole is a group of cells with entry 0 that is connected by sides
 /// and does not reach the border of the grid. Seen with y up, the outer border is counter-clockwise and the others are clockwise. A cell
-/// can occur twice in a border where the part is one cell wide. The contours have no rims: those are made by [`super::rim`].
+/// can occur twice in a border where the part is one cell wide. The contours have no rims; the module `rim` finds those.
 ///
 /// The cells with entry 1 must be connected. Otherwise each component has an outer border, and not only the first border in the result is
 /// an outer one.
