@@ -50,7 +50,6 @@ LIMITS = [
     Limit("CloudCompare", "mesh-colors.obj mesh-painted.obj", "no colors", "it reads no vertex colors from OBJ"),
     Limit("Blender", "mesh-triangles-corner-uv.ply", "no uv", "of PLY it reads texture coordinates of vertices only"),
     Limit("Blender", "points-*.ply", "no normals", "its point clouds have no normals"),
-    Limit("Blender", "surface-vase.ply", "normals", "it changes corner normals of faces without area"),
     Limit("three.js", "*.ply", "coarse dark colors", "it stores linear colors in bytes, so that dark ones are rounded"),
     Limit("three.js", "*.png", "8 of 16 bits", "pictures have eight bits in a browser"),
     Limit("three.js", "*.xyz", "no normals", "in XYZ it reads the second three numbers as colors"),
