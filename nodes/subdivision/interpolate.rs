@@ -103,7 +103,7 @@ impl Node for Interpolate {
         let solver_options = self.options.how;
         let (factors, feet) =
             (solver_options.solver == Solver::Direct, solver_options.foot == Foot::Closest);
-        let per_corner = 250.0 + if factors { 700.0 } else { 0.0 } + if feet { 150.0 } else { 0.0 };
+        let per_corner = 220.0 + if factors { 700.0 } else { 0.0 } + if feet { 150.0 } else { 0.0 };
         Some(Estimate {
             bytes: corners * per_corner,
             help: "interpolate a coarser mesh (`Simplify`)",
