@@ -115,11 +115,15 @@ mod tests {
         );
         check(
             r#"{"edges": [{"v": [0, 3], "sharpness": 1}]}"#,
-            expect!["there is no edge between the vertices 0 and 3; the file is for a mesh with this edge, the given one has 4 vertices, numbered from 0"],
+            expect![
+                "there is no edge between the vertices 0 and 3; the file is for a mesh with this edge, the given one has 4 vertices, numbered from 0"
+            ],
         );
         check(
             r#"{"edges": [{"v": [0, 9], "sharpness": 1}]}"#,
-            expect!["there is no edge between the vertices 0 and 9; the file is for a mesh with this edge, the given one has 4 vertices, numbered from 0"],
+            expect![
+                "there is no edge between the vertices 0 and 9; the file is for a mesh with this edge, the given one has 4 vertices, numbered from 0"
+            ],
         );
         check(
             r#"{"edges": [{"v": [0, 1], "sharpness": -1}]}"#,
