@@ -11,6 +11,9 @@ from pathlib import Path
 
 import trimesh
 
+# The height of a raft of one layer and of the gap above it, in mm.
+RAFT = 0.5
+
 
 def slicer(*words):
     done = subprocess.run(["prusa-slicer", *map(str, words)], capture_output=True, text=True)
@@ -43,12 +46,14 @@ def faults(path):
     elif abs(float(info["volume"]) / mesh.volume - 1) > 1e-3:
         yield f"PrusaSlicer: the volume is {info['volume']}, but {mesh.volume:.1f} mm3 in trimesh"
     code = path.with_suffix(path.suffix + ".gcode")
-    status, text = slicer("--export-gcode", "--skirts", "0", "--output", code, path)
+    # A shell stands on the lowest point of its border, so it is printed on a raft of one layer.
+    raft = int(path.stem.startswith("Shell"))
+    status, text = slicer("--export-gcode", "--skirts", "0", "--raft-layers", raft, "--output", code, path)
     if status or not code.is_file():
         yield f"PrusaSlicer: cannot slice it: {text[-300:]}"
         return
     heights = [float(z) for z in re.findall(r"^;Z:([\d.]+)", code.read_text(), re.MULTILINE)]
-    tall = float(info.get("size_z", "nan"))
+    tall = float(info.get("size_z", "nan")) + raft * RAFT
     if not heights or abs(max(heights) - tall) > 0.5:
         yield f"PrusaSlicer: layers up to {max(heights, default=0):.1f} mm of {tall:.1f}"
     print(f"{path.name}: {mesh.volume:.0f} mm3, {len(mesh.faces)} faces, {len(heights)} layers")
