@@ -5,7 +5,7 @@ use maquette_value::Mesh;
 use nalgebra::Point3;
 
 /// The distance of a control point from its point, in distances to the nearest neighboring point, below which no fin is expected.
-const MIN_MOTION: f64 = 0.5;
+const MIN_MOTION: f64 = 1.0;
 
 /// The places where an interpolating surface crosses itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
