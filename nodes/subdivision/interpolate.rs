@@ -5,6 +5,7 @@ use maquette_node::{
 };
 use maquette_value::{Attribute, Mesh, Trace};
 use nalgebra::Point3;
+use near_fins::faces_near_fins;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -21,6 +22,8 @@ use super::solve::self_crossings::SelfCrossings;
 use super::solve::solution::{End, InterpolationResult, Solution};
 use super::surface::limit_feet::{ClosestFeet, vertex_feet};
 use super::{Boundary, Corners, Creases, Plan, Scheme, Subdivision};
+
+mod near_fins;
 
 /// Finds the control mesh whose subdivision surface passes through the vertices of a mesh.
 ///
@@ -103,7 +106,7 @@ impl Node for Interpolate {
         let solver_options = self.options.how;
         let (factors, feet) =
             (solver_options.solver == Solver::Direct, solver_options.foot == Foot::Closest);
-        let per_corner = 220.0 + if factors { 700.0 } else { 0.0 } + if feet { 150.0 } else { 0.0 };
+        let per_corner = 70.0 + if factors { 700.0 } else { 0.0 } + if feet { 150.0 } else { 0.0 };
         Some(Estimate {
             bytes: corners * per_corner,
             help: "interpolate a coarser mesh (`Simplify`)",
@@ -150,7 +153,7 @@ fn self_crossings(
     }
     let subdivision = Subdivision {
         scheme,
-        levels: 1,
+        levels: 2,
         limit: true,
         boundary: options.boundary,
         creases: Creases::OpenSubdiv,
@@ -160,7 +163,10 @@ fn self_crossings(
         points,
         control.positions(),
         &spacings,
-        || Plan::new(control, subdivision).ok()?.apply(control).ok(),
+        |far| {
+            let near = control.select(&faces_near_fins(control, far));
+            Plan::new(&near, subdivision).ok()?.apply(&near).ok()
+        },
         progress,
     );
     Ok(found?)

@@ -158,7 +158,7 @@ fn self_crossings(
     }
     let [u, v] = [net.rows(), columns].map(|count| FACES_PER_POINT * (count - 1));
     let control = surface.net().points();
-    let draw = || surface.tessellate_open(u, v).ok();
+    let draw = |_: &[u32]| surface.tessellate_open(u, v).ok();
     Ok(SelfCrossings::find(points, control, &spacings, draw, progress)?)
 }
 

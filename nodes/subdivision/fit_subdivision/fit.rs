@@ -94,6 +94,7 @@ impl Fit<'_> {
         let reach = 2.0 * mean_edge(mesh);
         let (start, mut mesh) = (mesh, mesh.clone());
         let (mut before, mut best) = (f64::INFINITY, None);
+        let mut known = KnownDefects::default();
         for iteration in 0.. {
             match self.scan {
                 None => progress.tick((f64::from(iteration) / f64::from(last.max(1))).min(1.0))?,
@@ -116,16 +117,16 @@ impl Fit<'_> {
                 if self.scan.is_some() || self.iterations == 0 {
                     return Ok((mesh, feet.nearest));
                 }
-                let defects = Defects::new(&surface, start, &fine, progress)?;
+                let defects = known.other_defects(&surface, start, &fine, progress)?;
                 settled = settled.min(MAX_LOSS * max);
                 let candidate = Candidate::new(mesh.clone(), feet.nearest.clone(), &defects, step);
                 let mut chosen = best_candidate(best.take(), candidate, settled);
                 if !defects.is_empty() && stiffenings == STIFFENINGS {
-                    let returned = return_to_start(&surface, start, &mesh, progress)?;
+                    let returned = return_to_start(&surface, start, &mesh, &mut known, progress)?;
                     let fine = surface.surface(returned.positions())?;
                     let feet = Feet::new(&fine, self.points, reach);
                     let [max, rms] = feet.missed.distances();
-                    let defects = Defects::new(&surface, start, &fine, progress)?;
+                    let defects = known.other_defects(&surface, start, &fine, progress)?;
                     let step = TraceStep { iteration: step.iteration + 1, max, rms };
                     let candidate = Candidate::new(returned, feet.nearest, &defects, step);
                     chosen = best_candidate(Some(chosen), candidate, settled);
@@ -167,35 +168,55 @@ impl Fit<'_> {
     }
 }
 
-/// The sorted control faces with defects of a surface, except near those of the surface of the start.
+/// The sorted control faces with defects of a surface.
 struct Defects {
     folds: Vec<u32>,
     crossings: Vec<u32>,
 }
 
-impl Defects {
-    fn new(
+/// The defects of the surface of the start.
+#[derive(Default)]
+struct KnownDefects {
+    /// True for the vertices of control faces with defects. `None` until the first defect of another surface is found.
+    is_near: Option<Vec<bool>>,
+}
+
+impl KnownDefects {
+    /// Finds the defects of the surface `fine`, except near those of the surface of the start.
+    fn other_defects(
+        &mut self,
         surface: &ComposedLimit,
         start: &Mesh,
         fine: &Mesh,
         progress: &Progress<'_>,
-    ) -> Result<Self, Error> {
-        let mut found =
-            Self { folds: folds(fine, LEVELS), crossings: crossings(fine, LEVELS, progress)? };
+    ) -> Result<Defects, Error> {
+        let mut found = Defects::of(fine, progress)?;
         if found.is_empty() {
             return Ok(found);
         }
-        let before = surface.surface(start.positions())?;
-        let known = [folds(&before, LEVELS), crossings(&before, LEVELS, progress)?].concat();
-        let mut is_near = vec![false; start.positions().len()];
-        let corners = known.iter().flat_map(|&face| start.faces().face(face as usize));
-        corners.for_each(|&vertex| is_near[vertex as usize] = true);
+        if self.is_near.is_none() {
+            let known = Defects::of(&surface.surface(start.positions())?, progress)?;
+            let mut is_near = vec![false; start.positions().len()];
+            for face in known.faces() {
+                for &vertex in start.faces().face(face as usize) {
+                    is_near[vertex as usize] = true;
+                }
+            }
+            self.is_near = Some(is_near);
+        }
+        let is_near = self.is_near.as_deref().unwrap_or_default();
         for faces in [&mut found.folds, &mut found.crossings] {
             faces.retain(|&face| {
                 !start.faces().face(face as usize).iter().any(|&vertex| is_near[vertex as usize])
             });
         }
         Ok(found)
+    }
+}
+
+impl Defects {
+    fn of(fine: &Mesh, progress: &Progress<'_>) -> Result<Self, Error> {
+        Ok(Self { folds: folds(fine, LEVELS), crossings: crossings(fine, LEVELS, progress)? })
     }
 
     fn is_empty(&self) -> bool {
@@ -240,12 +261,13 @@ fn return_to_start(
     surface: &ComposedLimit,
     start: &Mesh,
     mesh: &Mesh,
+    known: &mut KnownDefects,
     progress: &Progress<'_>,
 ) -> Result<Mesh, Error> {
     let mut positions = mesh.positions().to_vec();
     loop {
         let fine = surface.surface(&positions)?;
-        let defects = Defects::new(surface, start, &fine, progress)?.faces();
+        let defects = known.other_defects(surface, start, &fine, progress)?.faces();
         let mut has_changed = false;
         for vertex in vertices_around(start, &defects) {
             let old = start.positions()[vertex as usize];

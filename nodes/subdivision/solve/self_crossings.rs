@@ -24,8 +24,8 @@ pub(crate) struct SelfCrossings {
 
 impl SelfCrossings {
     /// Finds the crossings of the surface through `points` with the control points `control`. `spacings` has the distance of each point
-    /// from its nearest neighbor. `draw` returns faces of the surface; it is called only if a control point is so far from its point that
-    /// the surface may have fins. Returns `None` if nothing crosses.
+    /// from its nearest neighbor. `draw` returns faces of the surface near the control points with the given indices, which are so far from
+    /// their points that the surface may have fins. Returns `None` if nothing crosses.
     ///
     /// # Errors
     /// Returns an error if the evaluation is cancelled.
@@ -33,16 +33,18 @@ impl SelfCrossings {
         points: &[Point3<f64>],
         control: &[Point3<f64>],
         spacings: &[f64],
-        draw: impl FnOnce() -> Option<Mesh>,
+        draw: impl FnOnce(&[u32]) -> Option<Mesh>,
         progress: &Progress<'_>,
     ) -> Result<Option<Self>, CancelledError> {
         let motions: Vec<f64> =
             points.iter().zip(control).map(|(point, control)| (control - point).norm()).collect();
-        let mut with_spacings = motions.iter().zip(spacings);
-        if !with_spacings.any(|(motion, spacing)| *motion > MIN_MOTION * spacing) {
+        let far = (0..).zip(motions.iter().zip(spacings));
+        let far = far.filter(|(_, (motion, spacing))| **motion > MIN_MOTION * **spacing);
+        let far: Vec<u32> = far.map(|(vertex, _)| vertex).collect();
+        if far.is_empty() {
             return Ok(None);
         }
-        let Some(drawn) = draw() else { return Ok(None) };
+        let Some(drawn) = draw(&far) else { return Ok(None) };
         let crossings = drawn.crossings(|| progress.check())?;
         let Some(first) = crossings.first() else { return Ok(None) };
         let corners = first.iter().flat_map(|&face| drawn.faces().face(face as usize));
