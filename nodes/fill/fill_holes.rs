@@ -317,7 +317,7 @@ impl MeshBorder {
     /// Returns an error if the mesh is not manifold, or a chosen rim does not exist.
     fn new(mesh: &Mesh, holes: &HoleChoice, is_cut: &[bool]) -> Result<Self, Error> {
         let ((rims, filling), components) =
-            rayon::join(|| (rims(mesh), Filling::new(mesh)), || Components::new(mesh));
+            join(|| (rims(mesh), Filling::new(mesh)), || Components::new(mesh));
         let rims = rims.map_err(|elements| not_manifold(mesh, &elements))?;
         let chosen = choose(mesh, &components, &rims, holes, is_cut).map_err(|number| {
             let count = rims.len();
@@ -431,7 +431,7 @@ fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Resul
         let corners = mesh.faces().corners().iter().chain(filled.as_flattened());
         Faces::polygons(&sides, corners.copied().collect())?
     };
-    let (onto, carry) = rayon::join(
+    let (onto, carry) = join(
         || Mesh::new(filling.points.clone(), faces),
         || AttributeCarrier::new(filling, copies),
     );

@@ -1,5 +1,6 @@
 //! A bounding volume hierarchy over triangles. It finds the triangles whose boxes overlap a given box.
 
+use maquette_value::parallel::join;
 use nalgebra::Point3;
 
 use crate::triangles::filling::Filling;
@@ -153,10 +154,8 @@ fn grow(nodes: &mut Vec<Node>, own: &mut [(Bounds, u32)], first: u32) {
                 grow(&mut nodes, own, first);
                 nodes
             }
-            let (low, high) = rayon::join(
-                || grow_subtree(low, first),
-                || grow_subtree(high, first + half as u32),
-            );
+            let (low, high) =
+                join(|| grow_subtree(low, first), || grow_subtree(high, first + half as u32));
             nodes.extend(low);
             nodes.extend(high);
         }

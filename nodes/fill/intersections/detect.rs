@@ -72,7 +72,7 @@ impl Intersections {
         let bounds =
             filled.iter().fold(Bounds::EMPTY, |bounds, triangle| bounds.join(&triangle.bounds()));
         let filled = filled.into_iter();
-        self.filled = rayon::join(|| Boxes::new(filled), || self.extend_data(filling, bounds)).0;
+        self.filled = join(|| Boxes::new(filled), || self.extend_data(filling, bounds)).0;
         let is_changed = |face: u32| first <= face && changed(face);
         self.pairs.retain(|pair| !pair.iter().any(|&face| is_changed(face)));
         let leaves: Vec<&[BoxedTriangle]> = self.filled.leaves().collect();

@@ -7,6 +7,7 @@
 use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use maquette_base::topology::lists::Lists;
 use maquette_node::{CancelledError, Progress};
+use maquette_value::parallel::join;
 use nalgebra::{Point3, Vector3};
 
 use crate::border::rim::Rim;
@@ -208,7 +209,7 @@ fn solve(
     // Make coordinates relative to the rim's centroid; otherwise digits would be lost if the hole is far from the origin.
     let sum: Vector3<f64> = rim.points.iter().map(|point| point.coords).sum();
     let origin = Point3::from(sum / rim.len() as f64);
-    let ((matrix, mut right), dissection) = rayon::join(
+    let ((matrix, mut right), dissection) = join(
         || {
             equations(
                 &laplacian,
