@@ -23,6 +23,7 @@ use rayon::iter::ParallelIterator as _;
 mod adaptors;
 mod collect;
 mod sources;
+mod span;
 mod stop;
 
 pub use adaptors::{Adapted, Zip};
@@ -31,6 +32,7 @@ pub use sources::{
     Chunks, ChunksMut, IntoParallel, Items, ItemsMut, Numbers, ParallelSlice, ParallelSliceMut,
     VecItems,
 };
+pub use span::{WorkSpan, finish_span, start_span};
 pub use stop::stoppable;
 
 /// The maximum number of parts of a loop: enough parts that no thread waits long for the last one, and few enough that they are distributed
@@ -281,6 +283,10 @@ fn each_part<P: Parallel>(items: P, f: &(dyn Fn(usize, P) + Sync)) {
 
 /// Calls `f` with each index below `count` on rayon's threads.
 fn on_threads(count: usize, f: &(dyn Fn(usize) + Sync)) {
+    if let Some(mut parts) = span::Loop::begin() {
+        (0..count).for_each(|index| parts.run(|| f(index)));
+        return parts.end();
+    }
     let flag = stop::flag();
     rayon::iter::IntoParallelIterator::into_par_iter(0..count)
         .for_each(|index| stop::with_flag(flag.clone(), || f(index)));
@@ -291,6 +297,11 @@ pub fn join<A: Send, B: Send>(
     a: impl FnOnce() -> A + Send,
     b: impl FnOnce() -> B + Send,
 ) -> (A, B) {
+    if let Some(mut parts) = span::Loop::begin() {
+        let results = (parts.run(a), parts.run(b));
+        parts.end();
+        return results;
+    }
     let flag = stop::flag();
     let of_b = flag.clone();
     rayon::join(|| stop::with_flag(flag, a), || stop::with_flag(of_b, b))

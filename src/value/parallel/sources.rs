@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::{slice, vec};
 
-use super::Parallel;
+use super::{Parallel, span};
 
 /// Types that can be converted to a parallel iterator.
 pub trait IntoParallel {
@@ -110,12 +110,16 @@ pub trait ParallelSliceMut<T: Send>: AsMut<[T]> {
     where
         T: Ord,
     {
-        rayon::slice::ParallelSliceMut::par_sort_unstable(self.as_mut());
+        let items = self.as_mut();
+        span::sort(items.len(), || rayon::slice::ParallelSliceMut::par_sort_unstable(items));
     }
 
     /// Sorts the slice by keys. Items with equal keys may change their order.
     fn par_sort_unstable_by_key<K: Ord>(&mut self, key: impl Fn(&T) -> K + Sync) {
-        rayon::slice::ParallelSliceMut::par_sort_unstable_by_key(self.as_mut(), key);
+        let items = self.as_mut();
+        span::sort(items.len(), || {
+            rayon::slice::ParallelSliceMut::par_sort_unstable_by_key(items, key)
+        });
     }
 }
 

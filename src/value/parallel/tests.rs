@@ -1,7 +1,9 @@
 //! Compares parallel loops with the iterators of the standard library.
 
+use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 use super::*;
 
@@ -192,4 +194,32 @@ fn a_computation_stops_at_its_flag_on_all_threads() {
         });
         assert_eq!(sum, Some(499_500));
     }
+}
+
+thread_local! {
+    /// A clock that advances only when a test says so.
+    static NOW: Cell<u64> = const { Cell::new(0) };
+}
+
+fn pass(seconds: u64) {
+    NOW.set(NOW.get() + seconds);
+}
+
+#[test]
+fn a_span_has_the_serial_code_and_the_longest_part_of_each_loop() {
+    start_span(|| Duration::from_secs(NOW.get()));
+    pass(5);
+    (1..5_u64).into_par_iter().for_each(pass);
+    (0..3_u64).into_par_iter().for_each(|_| {
+        pass(1);
+        (0..10_u64).into_par_iter().for_each(|_| pass(2));
+    });
+    join(|| pass(7), || pass(9));
+    let measured = finish_span().unwrap();
+    let [work, span] = [5 + 10 + 63 + 16, 5 + 4 + 3 + 9].map(Duration::from_secs);
+    assert_eq!(measured, WorkSpan { work, span });
+    assert_eq!(measured.on(1), work);
+    assert_eq!(finish_span(), None);
+    let sum = (1..5_u64).into_par_iter().map(|x| x).sum::<u64>();
+    assert_eq!(sum, 10);
 }
