@@ -12,11 +12,11 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use maquette::parallel::{WorkSpan, finish_span, start_span};
-use maquette::{CancelToken, Catalog, Evaluator, Graph, Observer, Options, State};
+use maquette::{Catalog, Graph, Observer, Options, Run, Session, Settings, State, Targets};
 use rustix::time::{ClockId, clock_gettime};
 
 fn main() {
-    let nodes: Vec<_> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
+    let words: Vec<_> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     // A path beside the files that the graph reads.
     let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs/cores.ron"));
     let options = Options::default().with_text(path, include_str!("cores.ron"));
@@ -25,83 +25,65 @@ fn main() {
         checked.diagnostics.iter().for_each(|diagnostic| println!("{}", diagnostic.message));
         return;
     };
-    let meter = Meter { nodes: &nodes, rows: Mutex::default(), start: Mutex::default() };
-    evaluate(&graph, 1, &meter);
-    evaluate(&graph, 2, &meter);
-    let rows = meter.rows.into_inner().expect("no panic");
+    let all = graph.nodes().iter().map(|node| node.name.clone());
+    let selected: Vec<_> = all.filter(|name| words.is_empty() || words.contains(name)).collect();
+    let meter = Meter { rows: Mutex::default() };
+    evaluate(&graph, &selected, &mut session(1), &meter);
     println!(
         "{:20} {:>8} {:>8} {:>7} {:>5} {:>5} {:>5} {:>8} {:>5}",
         "node", "work", "span", "serial", "x 2", "x 8", "x 16", "wall", "cpu"
     );
-    for Row { node, span, wall, cpu } in rows {
-        let work = span.work.as_secs_f64();
-        let [two, eight, sixteen] = [2, 8, 16].map(|n| work / span.on(n).as_secs_f64());
-        let (span, ratio) = (span.span.as_secs_f64(), cpu.div_duration_f64(wall));
-        let (serial, wall) = (span / work, wall.as_secs_f64());
+    let rows = meter.rows.into_inner().expect("no panic");
+    for (node, measured) in rows.into_iter().filter(|(node, _)| selected.contains(node)) {
+        let work = measured.work.as_secs_f64();
+        let [two, eight, sixteen] = [2, 8, 16].map(|n| work / measured.on(n).as_secs_f64());
+        let span = measured.span.as_secs_f64();
+        let (wall, cpu) = on_two_threads(&graph, &node);
         println!(
-            "{node:20} {work:8.2} {span:8.3} {serial:7.3} {two:5.2} {eight:5.1} {sixteen:5.1} {wall:8.2} {ratio:5.2}"
+            "{node:20} {work:8.2} {span:8.3} {:7.3} {two:5.2} {eight:5.1} {sixteen:5.1} {wall:8.2} {:5.2}",
+            span / work,
+            cpu / wall
         );
     }
 }
 
-/// The measurements of a node.
-struct Row {
-    node: String,
-    span: WorkSpan,
-    /// The wall time on two threads.
-    wall: Duration,
-    /// The CPU time on two threads.
-    cpu: Duration,
+fn session(threads: usize) -> Session {
+    let settings = Settings { threads, memory: 8 << 30, ..Settings::in_memory() };
+    Session::new(maquette_nodes::PACKS, &settings).expect("threads")
 }
 
-/// Measures the selected nodes: first on one thread, then on two.
-struct Meter<'a> {
-    nodes: &'a [String],
-    rows: Mutex<Vec<Row>>,
-    start: Mutex<Option<(Instant, Duration)>>,
+fn evaluate(graph: &Graph, nodes: &[String], session: &mut Session, observer: &dyn Observer) {
+    let run = Run { targets: Targets::Nodes(nodes.to_vec()), observer, ..Run::default() };
+    session.run(graph, &run).expect("nodes of the graph");
 }
 
-impl Meter<'_> {
-    fn is_selected(&self, node: &str) -> bool {
-        self.nodes.is_empty() || self.nodes.iter().any(|it| it == node)
-    }
+/// Evaluates a node on two threads, after the nodes on which it depends. Returns the wall time and the CPU time in seconds.
+fn on_two_threads(graph: &Graph, node: &str) -> (f64, f64) {
+    let mut session = session(2);
+    let links = graph.nodes_of(node).into_iter().flat_map(|node| &graph.nodes()[node].links);
+    let dependencies: Vec<_> = links.map(|link| graph.nodes()[link.node].name.clone()).collect();
+    evaluate(graph, &dependencies, &mut session, &());
+    let (start, before) = (Instant::now(), cpu_time(ClockId::ProcessCPUTime));
+    evaluate(graph, &[node.to_owned()], &mut session, &());
+    let cpu = cpu_time(ClockId::ProcessCPUTime) - before;
+    (start.elapsed().as_secs_f64(), cpu.as_secs_f64())
 }
 
-impl Observer for Meter<'_> {
-    fn on_start(&self, node: &str) {
-        if !self.is_selected(node) {
-            return;
-        }
-        if rayon::current_num_threads() == 1 {
-            start_span(|| cpu_time(ClockId::ThreadCPUTime));
-        } else {
-            let start = (Instant::now(), cpu_time(ClockId::ProcessCPUTime));
-            *self.start.lock().expect("no panic") = Some(start);
-        }
+/// Measures the spans of all nodes, which run on a pool of one thread.
+struct Meter {
+    rows: Mutex<Vec<(String, WorkSpan)>>,
+}
+
+impl Observer for Meter {
+    fn on_start(&self, _: &str) {
+        start_span(|| cpu_time(ClockId::ThreadCPUTime));
     }
 
     fn on_finish(&self, node: &str, _: State, _: f64) {
-        if !self.is_selected(node) {
-            return;
-        }
-        let mut rows = self.rows.lock().expect("no panic");
-        if rayon::current_num_threads() == 1 {
-            if let Some(span) = finish_span() {
-                let [wall, cpu] = [Duration::ZERO; 2];
-                rows.push(Row { node: node.to_owned(), span, wall, cpu });
-            }
-        } else if let Some((start, before)) = self.start.lock().expect("no panic").take() {
-            for row in rows.iter_mut().filter(|row| row.node == node) {
-                row.wall = start.elapsed();
-                row.cpu = cpu_time(ClockId::ProcessCPUTime) - before;
-            }
+        if let Some(span) = finish_span() {
+            self.rows.lock().expect("no panic").push((node.to_owned(), span));
         }
     }
-}
-
-fn evaluate(graph: &Graph, threads: usize, observer: &dyn Observer) {
-    let mut evaluator = Evaluator::new(threads, 8 << 30).expect("threads");
-    evaluator.evaluate_all_nodes(graph, observer, &CancelToken::default());
 }
 
 fn cpu_time(clock: ClockId) -> Duration {
