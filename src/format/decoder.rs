@@ -395,6 +395,12 @@ mod tests {
                 b"displayWindow\0box2i\0\x10\0\0\0\0\0\0\0\0\0\0\0\x0f\0\0\0\x0b\0\0\0",
                 b"displayWindow\0box2i\0\x10\0\0\0\0\0\0\0\0\0\0\0\xff\x7e\0\0\xff\x7e\0\0",
             ),
+            (
+                "EXR whose layer is larger than the picture",
+                seed!("alpha.exr"),
+                b"dataWindow\0box2i\0\x10\0\0\0\0\0\0\0\0\0\0\0\x0f\0\0\0\x0b\0\0\0",
+                b"dataWindow\0box2i\0\x10\0\0\0\0\0\0\0\0\0\0\0\xff\x7e\0\0\xff\x7e\0\0",
+            ),
         ];
         for (format, file, size, larger) in huge {
             let at = file.windows(size.len()).position(|window| window == size).expect(format);
