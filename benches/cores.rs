@@ -7,24 +7,20 @@
 
 #![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]
 
-use std::path::Path;
 use std::sync::Mutex;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use maquette::parallel::{WorkSpan, finish_span, start_span};
-use maquette::{Catalog, Graph, Observer, Options, Run, Session, Settings, State, Targets};
-use rustix::time::{ClockId, clock_gettime};
+use maquette::{Graph, Observer, State};
+use nodes::{cpu_time, evaluate, load, session};
+use rustix::time::ClockId;
+
+#[path = "shared/nodes.rs"]
+mod nodes;
 
 fn main() {
     let words: Vec<_> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
-    // A path beside the files that the graph reads.
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs/cores.ron"));
-    let options = Options::default().with_text(path, include_str!("cores.ron"));
-    let checked = Graph::load(path, &Catalog::new(maquette_nodes::PACKS), &options);
-    let Some(graph) = checked.graph else {
-        checked.diagnostics.iter().for_each(|diagnostic| println!("{}", diagnostic.message));
-        return;
-    };
+    let graph = load(include_str!("cores.ron"), &[]);
     let all = graph.nodes().iter().map(|node| node.name.clone());
     let selected: Vec<_> = all.filter(|name| words.is_empty() || words.contains(name)).collect();
     let meter = Meter { rows: Mutex::default() };
@@ -45,16 +41,6 @@ fn main() {
             cpu / wall
         );
     }
-}
-
-fn session(threads: usize) -> Session {
-    let settings = Settings { threads, memory: 8 << 30, ..Settings::in_memory() };
-    Session::new(maquette_nodes::PACKS, &settings).expect("threads")
-}
-
-fn evaluate(graph: &Graph, nodes: &[String], session: &mut Session, observer: &dyn Observer) {
-    let run = Run { targets: Targets::Nodes(nodes.to_vec()), observer, ..Run::default() };
-    session.run(graph, &run).expect("nodes of the graph");
 }
 
 /// Evaluates a node on two threads, after the nodes on which it depends. Returns the wall time and the CPU time in seconds.
@@ -84,9 +70,4 @@ impl Observer for Meter {
             self.rows.lock().expect("no panic").push((node.to_owned(), span));
         }
     }
-}
-
-fn cpu_time(clock: ClockId) -> Duration {
-    let time = clock_gettime(clock);
-    Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
 }
