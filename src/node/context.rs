@@ -88,7 +88,7 @@ impl Progress<'_> {
 }
 
 /// The minimum number of items whose progress is measured: fewer take less time than a thread.
-const MIN_METERED: usize = 100_000;
+const MIN_METERED: usize = 2_000_000;
 
 /// The time between two reports of measured progress.
 const INTERVAL: Duration = Duration::from_millis(200);

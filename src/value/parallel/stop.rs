@@ -202,8 +202,8 @@ impl<I: DoubleEndedIterator> DoubleEndedIterator for StoppableIter<I> {
 impl<I: ExactSizeIterator> ExactSizeIterator for StoppableIter<I> {}
 
 impl Meter {
-    /// Calls `work`. The items of its parallel loops and of its [`until_stopped`](UntilStopped::until_stopped) iterators are counted, except
-    /// for those of loops inside of parallel loops.
+    /// Calls `work`. The items of its parallel loops and of its [`until_stopped`](UntilStopped::until_stopped) iterators are counted; those
+    /// of loops inside of parallel loops are not.
     pub fn measure<T>(self: &Arc<Self>, work: impl FnOnce() -> T) -> T {
         Computation { meter: Some(self.clone()), ..Computation::current().part() }.run(work)
     }
