@@ -5,6 +5,7 @@
 
 use std::ops::Range;
 
+use maquette_value::parallel::check_stop;
 use nalgebra::Point3;
 
 /// The maximum number of points in a leaf of the tree, which is not split further.
@@ -103,6 +104,7 @@ fn halve(points: &mut [(Point3<f64>, u32)], axes: &mut [u8]) {
     if points.len() <= LEAF {
         return;
     }
+    check_stop();
     let first = points[0].0;
     let (low, high) = points
         .iter()

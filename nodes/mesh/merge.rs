@@ -6,6 +6,7 @@ use maquette_node::{
     Carry, Context, Error, Estimate, In, Limit, Node, Previous, Promise, Transfer,
 };
 use maquette_value::Value;
+use maquette_value::parallel::*;
 use maquette_value::{Attribute, Attributes, CaptureFrame, Faces, Mesh, MeshError};
 use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
@@ -261,7 +262,7 @@ fn faces(parts: &[Mesh]) -> Result<Faces, MeshError> {
     let corners = parts.iter().map(|part| part.faces().corners().len()).sum();
     let mut all = Vec::with_capacity(corners);
     for (part, offset) in parts.iter().zip(offsets(parts)) {
-        all.extend(part.faces().corners().iter().map(|&vertex| vertex + offset));
+        part.faces().corners().par_iter().map(|&vertex| vertex + offset).collect_into(&mut all);
     }
     // Meshes without faces are skipped: they have no number of sides that could differ.
     let mut sides = parts.iter().filter(|part| !part.faces().is_empty()).map(|p| p.faces().sides());

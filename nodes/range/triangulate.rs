@@ -76,18 +76,24 @@ impl Node for Triangulate {
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let mesh = triangulate(cx.get(&self.range), self.jump, self.grazing, self.smooth_border)?;
+        let range = cx.get(&self.range);
+        let mesh = cx.progress().metered(VISITS_PER_CELL * range.points().len(), || {
+            triangulate(range, self.jump, self.grazing, self.smooth_border)
+        })?;
         if mesh.faces().is_empty() {
             cx.warn(
                 "no triangle is left: increase `jump` or `grazing`, or check the range image for holes",
             );
         }
-        if let Some(terraces) = Terraces::new(cx.get(&self.range)) {
+        if let Some(terraces) = Terraces::new(range) {
             cx.warn(terraces.warning());
         }
         Ok((mesh,))
     }
 }
+
+/// The number of times that loops visit each cell or triangle, per cell; for progress.
+const VISITS_PER_CELL: usize = 13;
 
 /// Joins neighboring cells of `range` to triangles that are counter-clockwise as seen from the sensor. If the surface was changed and
 /// overhangs, the sensor sees some triangles from the back; then the orientation of the majority decides.
@@ -193,13 +199,13 @@ struct Fans {
 impl Fans {
     fn new(width: usize, height: usize, triangles: &[GridTriangle]) -> Self {
         let mut wedges = vec![0; width * height];
-        for triangle in triangles {
+        for triangle in triangles.iter().until_stopped() {
             for (cell, filled) in triangle.cells(width).into_iter().zip(triangle.wedges()) {
                 wedges[cell] |= filled;
             }
         }
         let mut count = 0;
-        let first = wedges.iter().map(|&filled| {
+        let first = wedges.iter().until_stopped().map(|&filled| {
             count += fan_count(filled);
             count - fan_count(filled)
         });
@@ -208,7 +214,7 @@ impl Fans {
 
     /// Returns, for each vertex, the cell from which it is made.
     fn vertices(&self) -> Vec<usize> {
-        let cells = self.wedges.iter().enumerate();
+        let cells = self.wedges.iter().enumerate().until_stopped();
         cells.flat_map(|(cell, &filled)| (0..fan_count(filled)).map(move |_| cell)).collect()
     }
 

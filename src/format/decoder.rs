@@ -70,7 +70,10 @@ impl File<'_> {
         check: impl FnOnce(u32, u32) -> Result<(), Error>,
     ) -> Result<Decoded, Error> {
         // A panic in a third-party decoder is reported as a damaged file; the decoder is not used afterwards.
-        let panicked = |_| unreadable(self.format, "the decoder panicked");
+        let panicked = |payload| {
+            drop(caught(payload));
+            unreadable(self.format, "the decoder panicked")
+        };
         let decoder = catch_unwind(AssertUnwindSafe(open)).map_err(panicked)?;
         let mut decoder = decoder.map_err(|error| self.decode_error(&error))?;
         let (width, height) = decoder.dimensions();

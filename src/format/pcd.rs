@@ -249,7 +249,7 @@ fn ascii(
     need(header, body, count.saturating_mul(header.numbers).saturating_mul(2) - 1)?;
     let mut points = Vec::with_capacity(count);
     let mut colors = Vec::new();
-    let lines = body.split(|&byte| byte == b'\n').zip(header.start_line..);
+    let lines = body.split(|&byte| byte == b'\n').zip(header.start_line..).until_stopped();
     for (text, line) in lines.filter(|(text, _)| words(text).next().is_some()).take(count) {
         let numbers: Vec<_> = words(text).collect();
         if numbers.len() != header.numbers {

@@ -22,22 +22,35 @@ use rayon::iter::ParallelIterator as _;
 
 mod adaptors;
 mod collect;
+mod meter;
 mod sources;
 mod span;
 mod stop;
 
+use stop::Computation;
+
 pub use adaptors::{Adapted, Zip};
 pub use collect::FromParallel;
+pub use meter::Meter;
 pub use sources::{
     Chunks, ChunksMut, IntoParallel, Items, ItemsMut, Numbers, ParallelSlice, ParallelSliceMut,
     VecItems,
 };
 pub use span::{WorkSpan, finish_span, start_span};
-pub use stop::stoppable;
+pub use stop::{StopFlag, StoppableIter, UntilStopped, caught, check_stop, detached, stoppable};
 
-/// The maximum number of parts of a loop: enough parts that no thread waits long for the last one, and few enough that they are distributed
-/// in microseconds.
+/// The maximum number of parts of a loop over up to two million items: enough parts that no thread waits long for the last one, and few
+/// enough that they are distributed in microseconds.
 const MAX_PARTS: usize = 128;
+
+/// The number of indices of a part of a longer loop. A cancelled loop stops when its current parts are finished, so these must not take
+/// long.
+const MAX_PART_LEN: usize = 1 << 14;
+
+/// The number of parts of a loop over `len` indices.
+fn parts_of(len: usize) -> usize {
+    len.clamp(1, MAX_PARTS.max(len / MAX_PART_LEN))
+}
 
 /// The maximum number of parts of a loop that initializes a state for each part.
 const MAX_INIT_PARTS: usize = 32;
@@ -61,9 +74,14 @@ pub trait Parallel: Sized + Send {
     /// The sequential iterator over all items, in order.
     fn part(self) -> Self::Part;
 
+    /// The number of items by which the work is measured.
+    fn weight(&self) -> usize {
+        self.index_count()
+    }
+
     /// The number of parts. It must not depend on the number of threads.
     fn parts(&self) -> usize {
-        self.index_count().clamp(1, MAX_PARTS)
+        parts_of(self.index_count())
     }
 
     /// Maps each item by `f`.
@@ -84,7 +102,8 @@ pub trait Parallel: Sized + Send {
     {
         adapt::<true, _, _>(self, MAX_INIT_PARTS, move |part| {
             let mut state = init();
-            part.map(move |item| f(&mut state, item))
+            // The parts are long.
+            part.until_stopped().map(move |item| f(&mut state, item))
         })
     }
 
@@ -262,6 +281,7 @@ fn each_part<P: Parallel>(items: P, f: &(dyn Fn(usize, P) + Sync)) {
     if count <= 1 {
         return f(0, items);
     }
+    let (computation, weight) = (Computation::current(), items.weight() / count);
     // The parts are split off from the end, because splitting off the front of a list would move all remaining items.
     let mut parts = Vec::with_capacity(count);
     let mut rest = items;
@@ -278,6 +298,7 @@ fn each_part<P: Parallel>(items: P, f: &(dyn Fn(usize, P) + Sync)) {
         if let Some(part) = part {
             f(index, part);
         }
+        computation.count(weight);
     });
 }
 
@@ -287,9 +308,9 @@ fn on_threads(count: usize, f: &(dyn Fn(usize) + Sync)) {
         (0..count).for_each(|index| parts.run(|| f(index)));
         return parts.end();
     }
-    let flag = stop::flag();
+    let computation = Computation::current();
     rayon::iter::IntoParallelIterator::into_par_iter(0..count)
-        .for_each(|index| stop::with_flag(flag.clone(), || f(index)));
+        .for_each(|index| computation.part().run(|| f(index)));
 }
 
 /// Calls two functions, on two threads if one is free, and returns both results.
@@ -302,9 +323,9 @@ pub fn join<A: Send, B: Send>(
         parts.end();
         return results;
     }
-    let flag = stop::flag();
-    let of_b = flag.clone();
-    rayon::join(|| stop::with_flag(flag, a), || stop::with_flag(of_b, b))
+    let computation = Computation::current();
+    let of_b = computation.clone();
+    rayon::join(|| computation.run(a), || of_b.run(b))
 }
 
 #[cfg(test)]

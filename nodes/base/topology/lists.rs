@@ -1,5 +1,7 @@
 //! A list of lists in contiguous memory.
 
+use maquette_value::parallel::*;
+
 /// A list of lists, stored one after another in contiguous memory.
 #[derive(Clone, Debug, Default)]
 pub struct Lists<T = u32> {
@@ -12,7 +14,7 @@ impl Lists {
     /// Collects lists. Their order is kept.
     pub fn collect(lists: impl Iterator<Item = impl AsRef<[u32]>>) -> Self {
         let mut all = Self { starts: vec![0], items: Vec::new() };
-        for list in lists {
+        for list in lists.until_stopped() {
             all.items.extend(list.as_ref());
             all.starts.push(all.items.len() as u32);
         }
@@ -25,13 +27,13 @@ impl<T: Copy + Default> Lists<T> {
     /// `count`.
     pub fn group<I: Iterator<Item = (u32, T)>>(count: usize, pairs: impl Fn() -> I) -> Self {
         let mut starts = vec![0u32; count + 1];
-        pairs().for_each(|(list, _)| starts[list as usize + 1] += 1);
+        pairs().until_stopped().for_each(|(list, _)| starts[list as usize + 1] += 1);
         for list in 0..count {
             starts[list + 1] += starts[list];
         }
         let mut ends = starts.clone();
         let mut items = vec![T::default(); starts[count] as usize];
-        for (list, item) in pairs() {
+        for (list, item) in pairs().until_stopped() {
             let end = &mut ends[list as usize];
             items[*end as usize] = item;
             *end += 1;

@@ -7,6 +7,7 @@ use maquette_base::topology::lists::Lists;
 use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{CancelledError, Progress};
 use maquette_value::Mesh;
+use maquette_value::parallel::UntilStopped;
 use nalgebra::Vector3;
 
 /// Index of a corner that does not exist.
@@ -109,7 +110,7 @@ pub(super) fn segment(
             Cluster { area: vector.norm(), vector, ..Cluster::default() }
         })
         .collect();
-    for (corner, &opposite) in opposites.iter().enumerate() {
+    for (corner, &opposite) in opposites.iter().enumerate().until_stopped() {
         let own = of_corner[corner];
         clusters[own as usize].rim += lengths[corner];
         if opposite != NONE && of_corner[opposite as usize] != own {
@@ -131,7 +132,7 @@ pub(super) fn segment(
         })
     }
     let mut heap = BinaryHeap::new();
-    for own in 0..clusters.len() as u32 {
+    for own in (0..clusters.len() as u32).until_stopped() {
         let later = clusters[own as usize].around.range(own + 1..);
         heap.extend(
             later.filter_map(|(&other, _)| merging(&clusters, own, other, flatness, least)),
@@ -228,7 +229,7 @@ fn straighten(
         flatness * area <= vector.norm()
     }
     for _ in 0..ROUNDS {
-        for face in 0..charts.len() {
+        for face in (0..charts.len()).until_stopped() {
             let own = charts[face];
             let first = mesh.faces().first_corner(face);
             let sides = first..first + mesh.faces().face(face).len();

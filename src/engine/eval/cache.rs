@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use maquette_node::Memos;
+use maquette_value::parallel::caught;
 use maquette_value::{AnyValue, Fact, FactValue, Hash};
 
 use super::lock;
@@ -97,7 +98,8 @@ impl Outcome {
 /// Returns the first facts about a value, such as `1024 x 768` or `12 vertices, 20 faces`. The code of the value's type may panic; then the
 /// description is empty.
 fn description(value: &AnyValue) -> String {
-    std::panic::catch_unwind(AssertUnwindSafe(|| facts(value))).unwrap_or_default()
+    let described = std::panic::catch_unwind(AssertUnwindSafe(|| facts(value)));
+    described.map_err(caught).unwrap_or_default()
 }
 
 fn facts(value: &AnyValue) -> String {

@@ -75,7 +75,11 @@ impl Run<'_> {
         };
         drop(inputs);
         let seconds = start.elapsed().as_secs_f64();
-        let outcome = Arc::new(Outcome::new(&values, warnings, seconds));
+        // Describing a large value takes seconds.
+        let outcome = match self.cancel.stops(|| Outcome::new(&values, warnings, seconds)) {
+            Ok(outcome) => Arc::new(outcome),
+            Err(error) => return Some(self.fail(index, error.into())),
+        };
         let before = self.last_result(index);
         let differs = known.as_ref().is_some_and(|known| !known.equals(&outcome));
         let reason = match (&known, before) {
@@ -217,7 +221,15 @@ impl Run<'_> {
             .zip(inputs)
             .map(|(link, values): (&Link, &Values)| values[link.output].clone())
             .collect();
-        let report = |fraction: f64| self.observer.on_progress(&node.name, fraction);
+        let progress = Mutex::new(0.0);
+        let report = |fraction: f64| {
+            // Several threads may report, and the latest of their reports need not be the highest.
+            let mut highest = lock(&progress);
+            if *highest <= fraction {
+                *highest = fraction.min(1.0);
+                self.observer.on_progress(&node.name, *highest);
+            }
+        };
         let cx = Context {
             inputs: &inputs,
             files,
