@@ -8,13 +8,16 @@ use maquette_value::{Attribute, Mesh};
 use nalgebra::Vector3;
 use pack::{Piece, pack};
 use schemars::JsonSchema;
-use segment::{NONE, faces_of_corners, opposites, segment};
+use segment::segment;
 use serde::{Deserialize, Serialize};
+use sides::{NONE, faces_of_corners, opposites};
 
 mod chart;
+mod clusters;
 mod overlaps;
 mod pack;
 mod segment;
+mod sides;
 #[cfg(test)]
 mod tests;
 
@@ -119,8 +122,9 @@ pub fn lay_out(mesh: &Mesh, layout: &Layout, progress: &Progress<'_>) -> Result<
     check(mesh)?;
     let surface = Surface { mesh, opposites: opposites(mesh), of_corner: faces_of_corners(mesh) };
     let flatness = libm::cos(layout.bend.to_radians());
-    let segments = progress
-        .part(0.0..0.5, |progress| segment(mesh, &surface.opposites, flatness, progress))?;
+    let segments = progress.part(0.0..0.5, |progress| {
+        segment(mesh, &surface.opposites, &surface.of_corner, flatness, progress)
+    })?;
     progress.tick(0.5)?;
     let charts = segments
         .par_iter()

@@ -6,7 +6,7 @@ use maquette_base::topology::union_find::UnionFind;
 use maquette_value::Mesh;
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
-use super::segment::NONE;
+use super::sides::NONE;
 
 /// Faces connected by their sides, and the positions of their corners in the plane.
 pub(super) struct Chart {
