@@ -187,7 +187,8 @@ fn straighten(
             let first = mesh.faces().first_corner(face);
             let sides = first..first + mesh.faces().face(face).len();
             let is_inside = sides.clone().all(|side| {
-                opposites[side] == NONE || charts[of_corner[opposites[side] as usize] as usize] == own
+                opposites[side] == NONE
+                    || charts[of_corner[opposites[side] as usize] as usize] == own
             });
             if is_inside {
                 continue;
