@@ -584,6 +584,23 @@ mod tests {
     }
 
     #[test]
+    fn tasks_solve_like_one_group_after_the_other() {
+        for [width, height] in [[100, 90], [1500, 6]] {
+            let matrix = grid(width, height, 0.01);
+            let mut factors = Cholesky::new(&matrix).unwrap();
+            assert!(factors.schedule.tasks.len() > 2);
+            let mut x: Vec<_> = (0..width * height).map(|k| [k as f64, 1.0]).collect();
+            let mut expected = x.clone();
+            factors.solve(&mut x);
+            let groups = 0..factors.factors.len() as u32;
+            factors.schedule.steps = groups.map(Step::Group).collect();
+            factors.schedule.tasks.clear();
+            factors.solve(&mut expected);
+            assert_eq!(x, expected);
+        }
+    }
+
+    #[test]
     fn a_matrix_that_is_not_positive_definite_has_no_factors() {
         assert!(Cholesky::new(&grid(20, 20, 0.0)).is_none());
         assert!(Cholesky::new(&grid(20, 20, -1.0)).is_none());
