@@ -42,6 +42,7 @@ pub struct Cholesky {
     /// The unknowns in elimination order.
     order: Vec<u32>,
     factors: Vec<Factor>,
+    schedule: Schedule,
 }
 
 /// The columns of `L` for one group of unknowns.
@@ -52,6 +53,8 @@ struct Factor {
     count: usize,
     /// The rows below the group that have nonzero entries in its columns, as positions in the elimination order, ascending.
     below: Vec<u32>,
+    /// The number of rows below the group that belong to the same task of the schedule.
+    inside: usize,
     columns: Front,
 }
 
@@ -64,6 +67,9 @@ const ROOT: u32 = u32::MAX;
 
 /// A system with at most this many unknowns is factored on one thread.
 const MAX_SEQUENTIAL_UNKNOWNS: usize = 500;
+
+/// A system with at least this many unknowns is solved on several threads.
+const MIN_PARALLEL_SOLVE: usize = 5000;
 
 impl Cholesky {
     /// Factors a matrix. Returns `None` if the matrix is not positive definite.
@@ -86,7 +92,11 @@ impl Cholesky {
         (0..).zip(order).for_each(|(at, &unknown)| place[unknown as usize] = at);
         let tree = Tree::new(matrix, dissection, &place);
         let elimination = Elimination { matrix, order, place: &place, tree: &tree, progress };
-        let (tasks, last) = tree.tasks(order.len());
+        let (tasks, last) = tree.tasks(if order.len() <= MAX_SEQUENTIAL_UNKNOWNS {
+            0
+        } else {
+            order.len() * 3 / 5
+        });
         let done = tasks
             .par_iter()
             .map(|groups| elimination.run(groups, BTreeMap::new()))
@@ -101,57 +111,199 @@ impl Cholesky {
         let Some((done, _)) = elimination.run(&last, left)? else { return Ok(None) };
         factors.extend(done);
         factors.sort_by_key(|factor| factor.first);
-        Ok(Some(Self { order: order.clone(), factors }))
+        let schedule = Schedule::new(&tree, order.len());
+        schedule.count_inside(&mut factors, order.len());
+        Ok(Some(Self { order: order.clone(), factors, schedule }))
     }
 
-    /// Replaces three right sides (one per coordinate) by their solutions.
-    pub fn solve(&self, right: &mut [[f64; 3]]) {
-        let mut x: Vec<[f64; 3]> = self.order.iter().map(|&k| right[k as usize]).collect();
+    /// Replaces right sides (one per coordinate) by their solutions.
+    pub fn solve<const N: usize>(&self, right: &mut [[f64; N]]) {
+        let mut x: Vec<[f64; N]> = self.order.iter().map(|&k| right[k as usize]).collect();
+        let still = &x;
+        let tasks = self.schedule.tasks.par_iter();
+        let done: Vec<_> = tasks.map(|task| self.forwards_in(task, still)).collect();
         let mut own = Vec::new();
-        for factor in &self.factors {
-            own.clear();
-            own.extend_from_slice(&x[factor.first..factor.first + factor.count]);
-            own.resize(factor.columns.height, [0.0; 3]);
-            factor.forwards(&mut own);
-            x[factor.first..factor.first + factor.count].copy_from_slice(&own[..factor.count]);
-            for (&row, change) in factor.below.iter().zip(&own[factor.count..]) {
-                (0..3).for_each(|axis| x[row as usize][axis] += change[axis]);
+        for step in &self.schedule.steps {
+            match *step {
+                Step::Task(task) => {
+                    let (known, changes) = &done[task as usize];
+                    self.scatter(&self.schedule.tasks[task as usize], known, &mut x);
+                    changes.iter().for_each(|(row, change)| add(&mut x[*row as usize], change));
+                }
+                Step::Group(group) => {
+                    let factor = &self.factors[group as usize];
+                    let rows = factor.first..factor.first + factor.count;
+                    factor.forwards(&x[rows.clone()], &mut own);
+                    x[rows].copy_from_slice(&own[..factor.count]);
+                    for (&row, change) in factor.below.iter().zip(&own[factor.count..]) {
+                        add(&mut x[row as usize], change);
+                    }
+                }
             }
         }
-        for factor in self.factors.iter().rev() {
-            own.clear();
-            own.extend_from_slice(&x[factor.first..factor.first + factor.count]);
-            own.extend(factor.below.iter().map(|&row| x[row as usize]));
-            own.resize(factor.columns.height, [0.0; 3]);
-            factor.backwards(&mut own);
-            x[factor.first..factor.first + factor.count].copy_from_slice(&own[..factor.count]);
+        for step in self.schedule.steps.iter().rev() {
+            if let Step::Group(group) = *step {
+                let factor = &self.factors[group as usize];
+                let rows = factor.first..factor.first + factor.count;
+                own.clear();
+                own.extend_from_slice(&x[rows.clone()]);
+                own.extend(factor.below.iter().map(|&row| x[row as usize]));
+                factor.backwards(&mut own);
+                x[rows].copy_from_slice(&own[..factor.count]);
+            }
+        }
+        let still = &x;
+        let tasks = self.schedule.tasks.par_iter();
+        let done: Vec<_> = tasks.map(|task| self.backwards_in(task, still)).collect();
+        for (task, known) in self.schedule.tasks.iter().zip(&done) {
+            self.scatter(task, known, &mut x);
         }
         self.order.iter().zip(x).for_each(|(&k, x)| right[k as usize] = x);
     }
+
+    /// Forward substitution for the unknowns of a task. Returns them, and the changes of the right sides of later unknowns, in order.
+    fn forwards_in<const N: usize>(
+        &self,
+        task: &[u32],
+        x: &[[f64; N]],
+    ) -> (Vec<[f64; N]>, Vec<(u32, [f64; N])>) {
+        let (mut known, mut changes, mut own) = (self.gather(task, x), Vec::new(), Vec::new());
+        let mut first = 0;
+        for factor in self.factors_of(task) {
+            let rows = first..first + factor.count;
+            factor.forwards(&known[rows.clone()], &mut own);
+            known[rows].copy_from_slice(&own[..factor.count]);
+            let (inside, outside) = factor.below.split_at(factor.inside);
+            let (of_inside, of_outside) = own[factor.count..].split_at(factor.inside);
+            for (&row, change) in inside.iter().zip(of_inside) {
+                add(&mut known[self.schedule.places[row as usize] as usize], change);
+            }
+            changes.extend(outside.iter().copied().zip(of_outside.iter().copied()));
+            first += factor.count;
+        }
+        (known, changes)
+    }
+
+    /// Back substitution for the unknowns of a task, when those of later groups are known.
+    fn backwards_in<const N: usize>(&self, task: &[u32], x: &[[f64; N]]) -> Vec<[f64; N]> {
+        let (mut known, mut own) = (self.gather(task, x), Vec::new());
+        let mut first = known.len();
+        for factor in self.factors_of(task).rev() {
+            first -= factor.count;
+            let rows = first..first + factor.count;
+            let (inside, outside) = factor.below.split_at(factor.inside);
+            own.clear();
+            own.extend_from_slice(&known[rows.clone()]);
+            own.extend(
+                inside.iter().map(|&row| known[self.schedule.places[row as usize] as usize]),
+            );
+            own.extend(outside.iter().map(|&row| x[row as usize]));
+            factor.backwards(&mut own);
+            known[rows].copy_from_slice(&own[..factor.count]);
+        }
+        known
+    }
+
+    fn factors_of(&self, task: &[u32]) -> impl DoubleEndedIterator<Item = &Factor> {
+        task.iter().map(|&group| &self.factors[group as usize])
+    }
+
+    /// Returns the unknowns of a task, group by group.
+    fn gather<const N: usize>(&self, task: &[u32], x: &[[f64; N]]) -> Vec<[f64; N]> {
+        let rows = self.factors_of(task).map(|factor| factor.first..factor.first + factor.count);
+        rows.flat_map(|rows| &x[rows]).copied().collect()
+    }
+
+    /// Sets the unknowns of a task, given group by group.
+    fn scatter<const N: usize>(&self, task: &[u32], mut known: &[[f64; N]], x: &mut [[f64; N]]) {
+        for factor in self.factors_of(task) {
+            let (own, rest) = known.split_at(factor.count);
+            x[factor.first..factor.first + factor.count].copy_from_slice(own);
+            known = rest;
+        }
+    }
+}
+
+fn add<const N: usize>(sum: &mut [f64; N], change: &[f64; N]) {
+    (0..N).for_each(|axis| sum[axis] += change[axis]);
 }
 
 impl Factor {
-    /// Forward substitution: solves for the unknowns of the group, and subtracts their contributions from the right sides of the rows
-    /// below.
-    fn forwards(&self, x: &mut [[f64; 3]]) {
+    /// Forward substitution: solves for the unknowns of the group with the right sides `right`. `x` becomes the solution, followed by the
+    /// changes of the right sides of the rows below.
+    fn forwards<const N: usize>(&self, right: &[[f64; N]], x: &mut Vec<[f64; N]>) {
+        x.clear();
+        x.extend_from_slice(right);
+        x.resize(self.columns.height, [0.0; N]);
         for (k, column) in self.columns.entries.chunks_exact(self.columns.height).enumerate() {
             let known = x[k].map(|right| right / column[k]);
             x[k] = known;
             for (x, factor) in x[k + 1..].iter_mut().zip(&column[k + 1..]) {
-                (0..3).for_each(|axis| x[axis] -= factor * known[axis]);
+                (0..N).for_each(|axis| x[axis] -= factor * known[axis]);
             }
         }
     }
 
     /// Back substitution: solves for the unknowns of the group, given the solution for the rows below.
-    fn backwards(&self, x: &mut [[f64; 3]]) {
+    fn backwards<const N: usize>(&self, x: &mut [[f64; N]]) {
         for (k, column) in self.columns.entries.chunks_exact(self.columns.height).enumerate().rev()
         {
             let mut sum = x[k];
             for (x, factor) in x[k + 1..].iter().zip(&column[k + 1..]) {
-                (0..3).for_each(|axis| sum[axis] -= factor * x[axis]);
+                (0..N).for_each(|axis| sum[axis] -= factor * x[axis]);
             }
             x[k] = sum.map(|sum| sum / column[k]);
+        }
+    }
+}
+
+/// The order in which groups of unknowns are solved.
+struct Schedule {
+    /// Groups that are solved independently of those of other tasks: parts of the assembly tree.
+    tasks: Vec<Vec<u32>>,
+    /// All tasks and the remaining groups, in elimination order.
+    steps: Vec<Step>,
+    /// The index of each unknown, given by its position in the elimination order, among those of its task.
+    places: Vec<u32>,
+}
+
+#[derive(Clone, Copy)]
+enum Step {
+    Task(u32),
+    Group(u32),
+}
+
+impl Schedule {
+    fn new(tree: &Tree, unknowns: usize) -> Self {
+        let max_unknowns = if unknowns < MIN_PARALLEL_SOLVE { 0 } else { unknowns / 5 };
+        let (tasks, last) = tree.tasks(max_unknowns);
+        let ends = (0..).zip(&tasks).map(|(task, groups)| (groups.last(), Step::Task(task)));
+        let rest = last.iter().map(|group| (Some(group), Step::Group(*group)));
+        let mut steps: Vec<_> = ends.chain(rest).collect();
+        steps.sort_by_key(|step| step.0);
+        let steps = steps.into_iter().map(|step| step.1).collect();
+        let mut places = vec![0; unknowns];
+        for groups in &tasks {
+            let rows = groups
+                .iter()
+                .flat_map(|&group| tree.starts[group as usize]..tree.starts[group as usize + 1]);
+            (0..).zip(rows).for_each(|(place, row)| places[row as usize] = place);
+        }
+        Self { tasks, steps, places }
+    }
+
+    /// Counts for each factor the rows below it that belong to its task. They come first, because they are those of earlier ancestors.
+    fn count_inside(&self, factors: &mut [Factor], unknowns: usize) {
+        let mut tasks = vec![ROOT; unknowns];
+        for (task, groups) in (0..).zip(&self.tasks) {
+            for factor in groups.iter().map(|&group| &factors[group as usize]) {
+                tasks[factor.first..factor.first + factor.count].fill(task);
+            }
+        }
+        for factor in factors {
+            let task = tasks[factor.first];
+            let inside = |row: &u32| task != ROOT && tasks[*row as usize] == task;
+            factor.inside = factor.below.partition_point(inside);
         }
     }
 }
@@ -207,8 +359,8 @@ impl Tree {
     }
 
     /// Divides the groups of unknowns into independent tasks, whose groups can be eliminated in parallel. Also returns the remaining
-    /// groups, which depend on these tasks.
-    fn tasks(&self, unknowns: usize) -> (Vec<Vec<u32>>, Vec<u32>) {
+    /// groups, which depend on these tasks. A task has at most `max_unknowns` unknowns.
+    fn tasks(&self, max_unknowns: usize) -> (Vec<Vec<u32>>, Vec<u32>) {
         let count = self.parents.len();
         let mut sizes: Vec<u32> = self.starts.windows(2).map(|ends| ends[1] - ends[0]).collect();
         for k in 0..count {
@@ -216,7 +368,6 @@ impl Tree {
                 sizes[self.parents[k] as usize] += sizes[k];
             }
         }
-        let most = if unknowns <= MAX_SEQUENTIAL_UNKNOWNS { 0 } else { unknowns * 3 / 5 };
         let (mut tasks, mut last) = (Vec::new(), Vec::new());
         let mut task = vec![ROOT; count];
         for k in (0..count).rev() {
@@ -224,7 +375,7 @@ impl Tree {
             let above = if parent == ROOT { ROOT } else { task[parent as usize] };
             if above != ROOT {
                 task[k] = above;
-            } else if sizes[k] as usize <= most {
+            } else if sizes[k] as usize <= max_unknowns {
                 task[k] = tasks.len() as u32;
                 tasks.push(Vec::new());
             }
@@ -290,7 +441,7 @@ impl Elimination<'_> {
             if !below.is_empty() {
                 rest.insert(group, front.split(count));
             }
-            factors.push(Factor { first, count, below: below.clone(), columns: front });
+            factors.push(Factor { first, count, below: below.clone(), inside: 0, columns: front });
         }
         Ok(Some((factors, rest)))
     }
@@ -430,6 +581,23 @@ mod tests {
             x
         }
         assert_eq!(solve_with_threads(1, &matrix), solve_with_threads(3, &matrix));
+    }
+
+    #[test]
+    fn tasks_solve_like_one_group_after_the_other() {
+        for [width, height] in [[100, 90], [1500, 6]] {
+            let matrix = grid(width, height, 0.01);
+            let mut factors = Cholesky::new(&matrix).unwrap();
+            assert!(factors.schedule.tasks.len() > 2);
+            let mut x: Vec<_> = (0..width * height).map(|k| [k as f64, 1.0]).collect();
+            let mut expected = x.clone();
+            factors.solve(&mut x);
+            let groups = 0..factors.factors.len() as u32;
+            factors.schedule.steps = groups.map(Step::Group).collect();
+            factors.schedule.tasks.clear();
+            factors.solve(&mut expected);
+            assert_eq!(x, expected);
+        }
     }
 
     #[test]

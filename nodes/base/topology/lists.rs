@@ -42,6 +42,25 @@ impl<T: Copy + Default> Lists<T> {
     }
 }
 
+impl<T: Copy> Lists<T> {
+    /// Concatenates batches of lists. Each batch has the lengths of its lists and all their items.
+    pub fn concat(batches: Vec<(Vec<u32>, Vec<T>)>) -> Self {
+        let mut starts =
+            Vec::with_capacity(batches.iter().map(|batch| batch.0.len()).sum::<usize>() + 1);
+        let mut items = Vec::with_capacity(batches.iter().map(|batch| batch.1.len()).sum());
+        let mut end = 0;
+        starts.push(end);
+        for (lengths, batch) in batches {
+            starts.extend(lengths.into_iter().map(|length| {
+                end += length;
+                end
+            }));
+            items.extend_from_slice(&batch);
+        }
+        Self { starts, items }
+    }
+}
+
 impl<T> Lists<T> {
     /// The number of lists.
     pub fn len(&self) -> usize {
