@@ -64,13 +64,13 @@ impl Node for Tessellate {
     }
 
     fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
-        let net = sizes.get(&self.surface)?.points;
+        let net = sizes.get(&self.surface).map(|net| net.points);
         if self.tolerance != 0.0 {
             return None;
         }
         // An omitted number of quads is that of the control points, of which a net has about as many along u as along v.
-        let [u, v] =
-            [self.u, self.v].map(|quads| if quads == 0 { net.sqrt() } else { quads as f64 });
+        let quads = |given: usize| if given == 0 { net.map(f64::sqrt) } else { Some(given as f64) };
+        let (u, v) = (quads(self.u)?, quads(self.v)?);
         let vertices = (u + 1.0) * (v + 1.0);
         let is_given = self.u > 0 && self.v > 0;
         let certainty = if is_given { Certainty::Predicted } else { Certainty::Guess };

@@ -26,12 +26,17 @@ impl Preflight {
 
     /// Returns the sum of the times of all nodes in seconds, without those that are unknown.
     fn seconds(&self) -> f64 {
-        self.needs.nodes.iter().filter_map(|node| node.seconds).sum()
+        self.needs
+            .nodes
+            .iter()
+            .filter_map(|node| node.seconds)
+            .fold(0.0, |sum, seconds| sum + seconds)
     }
 
     /// Returns the sum of the sizes of all results in bytes, without those that are unknown.
     fn bytes(&self) -> f64 {
-        self.needs.nodes.iter().filter_map(|node| node.size()).map(|size| size.bytes).sum()
+        let sizes = self.needs.nodes.iter().filter_map(NodeNeeds::size);
+        sizes.fold(0.0, |sum, size| sum + size.bytes)
     }
 }
 
@@ -63,16 +68,13 @@ pub(super) fn table(preflight: &Preflight) -> String {
     let RunNeeds { peak, max_bytes, .. } = preflight.needs;
     let unknown = preflight.needs.nodes.iter().filter(|node| node.seconds.is_none()).count();
     let time = match unknown {
-        0 => format!("{} of time", in_seconds(preflight.seconds())),
-        _ => format!(
-            "{} of time without {}",
-            in_seconds(preflight.seconds()),
-            format_count(unknown, "node that has not run yet").replace("yets", "yet")
-        ),
+        0 => in_seconds(preflight.seconds()),
+        1 => format!("{} without 1 node", in_seconds(preflight.seconds())),
+        _ => format!("{} without {unknown} nodes", in_seconds(preflight.seconds())),
     };
     let _ = writeln!(
         text,
-        "all: {} of results, at most {} at a time, {} are allowed; {time}",
+        "all: results {}, at most {} at a time, {} are allowed; time {time}",
         in_gigabytes(preflight.bytes()),
         in_gigabytes(peak),
         in_gigabytes(max_bytes as f64),

@@ -8,7 +8,7 @@ use las::raw;
 use maquette_node::{Certainty, FileHead, ValueSize};
 
 use super::picture_file::Kind;
-use super::{parse, words};
+use super::{has_many_namespaces, parse, words};
 
 /// The type of [`FileReader::SIZE`](maquette_node::FileReader::SIZE).
 pub(crate) type SizeReader = Option<fn(&FileHead<'_>) -> Option<ValueSize>>;
@@ -39,7 +39,8 @@ pub(super) fn stl(head: &FileHead<'_>) -> Option<ValueSize> {
         false => {
             let count =
                 |line: &[u8]| [f64::from(u8::from(words(line).next() == Some(b"endfacet")))];
-            (sample_lines(head, count)?[0], Certainty::Guess)
+            let ([triangles], certainty) = sample_lines(head, count)?;
+            (triangles, certainty)
         }
     };
     // Equal corners become one vertex. By Euler's formula a closed mesh without handles has two vertices more than half its triangles.
@@ -57,8 +58,8 @@ pub(super) fn obj(head: &FileHead<'_>) -> Option<ValueSize> {
             _ => [0.0; 3],
         }
     };
-    let [vertices, faces, corners] = sample_lines(head, counts)?;
-    Some(ValueSize::mesh(vertices, faces, corners).at_most(Certainty::Guess))
+    let ([vertices, faces, corners], certainty) = sample_lines(head, counts)?;
+    Some(ValueSize::mesh(vertices, faces, corners).at_most(certainty))
 }
 
 /// Returns the size of the points in a text with a point per line, extrapolated from samples of its lines.
@@ -67,17 +68,17 @@ pub(super) fn rows(head: &FileHead<'_>) -> Option<ValueSize> {
         let numbers = words(line).map_while(parse::<f64>).count() as f64;
         if numbers < 3.0 { [0.0; 2] } else { [1.0, numbers - 3.0] }
     };
-    let [points, others] = sample_lines(head, counts)?;
+    let ([points, others], certainty) = sample_lines(head, counts)?;
     let attributes = if points > 0.0 { 8.0 * others / points } else { 0.0 };
-    Some(ValueSize::points(points, attributes).at_most(Certainty::Guess))
+    Some(ValueSize::points(points, attributes).at_most(certainty))
 }
 
 /// Counts in the lines of a text. `counts` returns the counts of a line. A text that is longer than the samples, which are at regular
-/// distances, is taken to be like them.
+/// distances, is taken to be like them; then the counts are a guess.
 fn sample_lines<const N: usize>(
     head: &FileHead<'_>,
     counts: impl Fn(&[u8]) -> [f64; N],
-) -> Option<[f64; N]> {
+) -> Option<([f64; N], Certainty)> {
     const SAMPLES: u64 = 32;
     const SAMPLE: usize = 1 << 14;
     fn add<const N: usize>(sum: [f64; N], more: [f64; N]) -> [f64; N] {
@@ -85,7 +86,7 @@ fn sample_lines<const N: usize>(
     }
     if head.start.len() as u64 >= head.length {
         let lines = head.start.split(|&byte| byte == b'\n').map(counts);
-        return Some(lines.fold([0.0; N], add));
+        return Some((lines.fold([0.0; N], add), Certainty::Predicted));
     }
     let (mut sum, mut seen) = ([0.0; N], 0);
     let step = head.length.saturating_sub(SAMPLE as u64) / (SAMPLES - 1);
@@ -100,7 +101,7 @@ fn sample_lines<const N: usize>(
         sum = add(sum, lines.fold([0.0; N], add));
     }
     let factor = head.length as f64 / seen as f64;
-    (seen > 0).then(|| sum.map(|count| count * factor))
+    (seen > 0).then(|| (sum.map(|count| count * factor), Certainty::Guess))
 }
 
 /// The bytes of a file, of which only those are read that are asked for.
@@ -137,6 +138,10 @@ pub(super) fn e57(head: &FileHead<'_>) -> Option<ValueSize> {
     const MAX_DESCRIPTION: u64 = 16 << 20;
     let length = u64::from_le_bytes(*head.start.get(32..40)?.first_chunk()?);
     if length > MAX_DESCRIPTION {
+        return None;
+    }
+    let description = E57Reader::raw_xml(Window { head, position: 0 }).ok()?;
+    if has_many_namespaces(&description) {
         return None;
     }
     let scans = E57Reader::new(Window { head, position: 0 }).ok()?.pointclouds();

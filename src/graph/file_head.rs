@@ -11,11 +11,12 @@ use maquette_node::{FileHead, ValueSize};
 use maquette_value::ValueType;
 use maquette_value::fs::extension;
 
-/// Returns the size of the value of type `kind` in a file, as the file's header states it, and the length of the file. `None` if the header
-/// does not state it, or the file cannot be read. Only the header is read.
+/// Returns the size of the value of type `kind` in a file, as the file's header states it. `None` if the header does not state it, or the
+/// file cannot be read. Only the header is read.
 pub fn size_in_file(path: &Path, kind: &ValueType, readers: &Readers) -> Option<ValueSize> {
+    // Look before opening: opening a pipe would wait for a writer.
+    let metadata = std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file)?;
     let file = RefCell::new(File::open(path).ok()?);
-    let metadata = file.borrow().metadata().ok().filter(std::fs::Metadata::is_file)?;
     let read_at = |offset: u64, count: usize| {
         let mut bytes = Vec::new();
         let file = &mut *file.borrow_mut();

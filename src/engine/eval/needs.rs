@@ -57,6 +57,8 @@ struct Known<'a> {
     node: &'a GraphNode,
     inputs: Vec<Option<ValueSize>>,
     files: &'a dyn Fn(&FilePath, &ValueType) -> Option<ValueSize>,
+    /// The sizes of the outputs in the node's last run. Empty if they are unknown.
+    last: Vec<ValueSize>,
 }
 
 impl Known<'_> {
@@ -142,7 +144,10 @@ impl Evaluator {
                 size_in_file(path.resolved_path(), kind, graph.readers())
             };
             let inputs = node.links.iter().map(|link| *sizes.get(&link.node)?.get(link.output)?);
-            let known = Known { node, inputs: inputs.collect(), files: &files };
+            let last = self.last.as_ref();
+            let last = last.and_then(|last| last.last_result(&node.name, forecast.index));
+            let last = last.map_or_else(Vec::new, |last| last.outcome.sizes.to_vec());
+            let known = Known { node, inputs: inputs.collect(), files: &files, last };
             let own = match outcome.filter(|_| !forecast.may_run()) {
                 Some(outcome) => NodeNeeds {
                     index: forecast.index,
@@ -173,9 +178,14 @@ fn needs_of(
     let guess = largest(&known.inputs).map(|size| size.at_most(Certainty::Guess));
     let law = known.forecast(1.0);
     let outputs: Vec<Option<ValueSize>> = (0..node.outputs.len())
-        .map(|output| match &law {
-            Some(law) => law.outputs.get(output).copied().flatten(),
-            None => guess,
+        .map(|output| {
+            let by_law = match &law {
+                Some(law) => law.outputs.get(output).copied().flatten(),
+                None => guess,
+            };
+            // The last run is a better guess.
+            let last = known.last.get(output).map(|last| last.at_most(Certainty::Guess));
+            by_law.filter(|size| size.certainty < Certainty::Guess).or(last).or(by_law)
         })
         .collect();
     let made = outputs.iter().copied().reduce(|a, b| Some(a?.plus(b?))).flatten();
@@ -189,10 +199,13 @@ fn needs_of(
     if let Some(need) = memory.filter(|need| *need > max_bytes as f64 || need.is_nan()) {
         let none = Estimate { bytes: need, help: "use a smaller input" };
         let help = estimate.unwrap_or(none).help;
-        let memory_of = |factor: f64| known.forecast(factor)?.memory.map(|it| it.bytes);
+        let memory_of = |factor: f64| {
+            let law = known.forecast(factor)?;
+            let made = || law.outputs.iter().try_fold(0.0, |sum, size| Some(sum + (*size)?.bytes));
+            Some(law.memory.map(|memory| memory.bytes).or_else(made)? + factor * files)
+        };
         let size = largest(&known.inputs).or(made);
-        let limit = max_bytes as f64 - files;
-        let fits = size.and_then(|size| fitting_size(memory_of, size, limit));
+        let fits = size.and_then(|size| fitting_size(memory_of, size, max_bytes as f64));
         let error = MemoryError { need, held: 0, most: max_bytes, help, fits };
         let inputs = known.inputs.iter().flatten().chain(made.as_ref());
         let is_guess = inputs.map(|size| size.certainty).max() == Some(Certainty::Guess);
@@ -222,9 +235,7 @@ fn peak(graph: &Graph, nodes: &[NodeNeeds], values: &[usize]) -> f64 {
             held += bytes(node);
         }
         peak = peak.max(held);
-        let mut sources: Vec<usize> = graph.topology().sources(node.index).collect();
-        sources.dedup();
-        for source in sources {
+        for source in graph.topology().sources(node.index) {
             if last_use.get(&source) == Some(&node.index) && !values.contains(&source) {
                 last_use.remove(&source);
                 held -= by_index.get(&source).map_or(0.0, |node| bytes(node));
