@@ -6,7 +6,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use filter::Filter;
 use maquette_base::topology::flat_faces::FlatFaces;
 use maquette_base::topology::union_find::UnionFind;
-use maquette_node::{Carry, Context, Error, Estimate, In, Node, Progress, Promise, Transfer, bail};
+use maquette_node::{
+    Carry, Context, Error, Forecast, In, Node, Progress, Promise, Sizes, Transfer, bail,
+};
 use maquette_value::parallel::*;
 use maquette_value::{Edges, Faces, Mesh};
 use nalgebra::{Point3, Vector3};
@@ -51,10 +53,12 @@ impl Node for Smooth {
 
     const CARRIES: &'static [Carry] = &[Carry::uniform("mesh", "mesh", Transfer::Kept)];
 
-    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
-        let mesh = cx.get(&self.mesh);
-        let bytes = mesh.faces().corners().len() as f64 * BYTES;
-        Some(Estimate { bytes, help: "smooth fewer faces at a time" })
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let mesh = sizes.get(&self.mesh)?;
+        Some(
+            Forecast::by_law(mesh)
+                .with_memory(mesh.corners * BYTES, "smooth fewer faces at a time"),
+        )
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {

@@ -1,7 +1,10 @@
 //! Joins vertices at the same place.
 
 use maquette_base::weld::{WeldedMesh, weld};
-use maquette_node::{Carry, Context, Error, Estimate, In, Node, Promise, Transfer};
+use maquette_node::{
+    Carry, Certainty, Context, Error, Estimate, Forecast, In, Node, Promise, Sizes, Transfer,
+    ValueSize,
+};
 use maquette_value::parallel::UntilStopped;
 use maquette_value::{Mesh, Trace, TraceStep};
 use nalgebra::Point3;
@@ -49,9 +52,13 @@ impl Node for Weld {
     const CARRIES: &'static [Carry] =
         &[Carry::uniform("mesh", "mesh", Transfer::Kept).excluding(&["uv", "color"])];
 
-    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
-        let bytes = cx.get(&self.mesh).faces().corners().len() as f64 * BYTES;
-        Some(Estimate { bytes, help: "weld fewer faces at a time" })
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let mesh = sizes.get(&self.mesh)?;
+        let forecast = Forecast::new([
+            Some(mesh.at_most(Certainty::Predicted)),
+            Some(ValueSize::items(1.0, 0.0)),
+        ]);
+        Some(forecast.with_memory(mesh.corners * BYTES, "weld fewer faces at a time"))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use maquette_node::{
-    Carry, Context, Error, Estimate, In, Limit, Node, Previous, Promise, Transfer,
+    Carry, Context, Error, Forecast, In, Limit, Node, Previous, Promise, Sizes, Transfer, ValueSize,
 };
 use maquette_value::Value;
 use maquette_value::parallel::*;
@@ -47,9 +47,10 @@ impl Node for Merge {
 
     const CARRIES: &'static [Carry] = &[Carry::uniform("meshes", "mesh", Transfer::Kept)];
 
-    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
-        let sizes = self.meshes.iter().map(|mesh| cx.get(mesh).size() as f64);
-        Some(Estimate { bytes: 3.0 * sizes.sum::<f64>(), help: BYTES.help })
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let meshes: Option<Vec<_>> = self.meshes.iter().map(|mesh| sizes.get(mesh)).collect();
+        let merged = meshes?.into_iter().reduce(ValueSize::plus)?;
+        Some(Forecast::by_law(merged).with_memory(3.0 * merged.bytes, BYTES.help))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {

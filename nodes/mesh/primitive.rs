@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use maquette_node::{Context, Error, Node, Promise, bail};
+use maquette_node::{Context, Error, Forecast, Node, Promise, Sizes, ValueSize, bail};
 use maquette_value::parallel::*;
 use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
@@ -84,6 +84,22 @@ impl Node for Primitive {
         Promise::always("mesh", "Unpinched"),
         Promise::always("mesh", "NonEmpty"),
     ];
+
+    fn forecast(&self, _: &Sizes<'_>) -> Option<Forecast> {
+        let mesh = match self.shape {
+            Shape::Box { .. } => ValueSize::mesh(8.0, 6.0, 24.0),
+            Shape::Cylinder { sides, .. } => {
+                let sides = f64::from(sides);
+                ValueSize::mesh(2.0 * sides, sides + 2.0, 6.0 * sides)
+            }
+            // Each of the six sides of a cube is a grid of a quarter of the quads around.
+            Shape::Sphere { sides, .. } => {
+                let quads = 6.0 * f64::from(sides / 4) * f64::from(sides / 4);
+                ValueSize::mesh(quads + 2.0, quads, 4.0 * quads)
+            }
+        };
+        Some(Forecast::by_law(mesh))
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let visits = match self.shape {

@@ -2,7 +2,10 @@
 
 use std::collections::BinaryHeap;
 
-use maquette_node::{CancelledError, Carry, Context, Error, In, Node, Progress, Promise, Transfer};
+use maquette_node::{
+    CancelledError, Carry, Context, Error, Forecast, In, Node, Progress, Promise, Sizes, Transfer,
+    ValueSize,
+};
 use maquette_value::Mesh;
 use net::{Collapse, Net};
 use rounds::Rounds;
@@ -44,6 +47,19 @@ impl Node for Simplify {
         "mesh",
         [Transfer::Interpolated, Transfer::Interpolated, Transfer::Kept, Transfer::Kept],
     )];
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let mesh = sizes.get(&self.mesh)?;
+        let triangles = (mesh.corners - 2.0 * mesh.faces).max(1.0);
+        let target = if self.faces == 0 { triangles / 20.0 } else { self.faces as f64 };
+        let vertices = (mesh.points - (triangles - target) / 2.0)
+            .clamp(target / 4.0, mesh.points.max(target / 4.0));
+        let simple = match target < triangles {
+            true => ValueSize::mesh(vertices, target, 3.0 * target),
+            false => ValueSize::mesh(mesh.points, triangles, 3.0 * triangles),
+        };
+        Some(Forecast::by_law(simple.at_most(mesh.certainty)))
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);

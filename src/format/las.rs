@@ -109,6 +109,7 @@ impl FileReader for PointsLas {
     type Value = Points;
     const EXTENSIONS: &'static [&'static str] = &["las", "laz"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
+    const SIZE: crate::SizeReader = Some(crate::size::las);
 
     fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         read(file.bytes())

@@ -20,6 +20,7 @@ use super::{FilePosition, check_single, max_memory, parse, parse_real, words};
 
 mod header;
 mod lzf;
+pub(crate) mod size;
 
 /// The error that the points are a list instead of a grid.
 #[derive(Debug, thiserror::Error)]
@@ -295,6 +296,7 @@ impl FileReader for PointsPcd {
     type Value = Points;
     const EXTENSIONS: &'static [&'static str] = &["pcd"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
+    const SIZE: crate::SizeReader = Some(size::points);
 
     fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         let (points, notes) = read_points(file.bytes(), file.color_range())?;

@@ -105,6 +105,7 @@ impl FileReader for ImageFiles {
     type Value = Image;
     const EXTENSIONS: &'static [&'static str] =
         &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
+    const SIZE: crate::SizeReader = Some(crate::size::picture);
 
     fn read(file: &InputFile<'_>) -> Result<Image, Error> {
         let image = read(file.bytes())?;
@@ -127,6 +128,7 @@ impl FileReader for MaskFiles {
     type Value = Mask;
     const EXTENSIONS: &'static [&'static str] =
         &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
+    const SIZE: crate::SizeReader = Some(crate::size::mask);
 
     fn read(file: &InputFile<'_>) -> Result<Mask, Error> {
         let image = read_upright(file.bytes())?;

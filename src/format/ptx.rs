@@ -231,6 +231,7 @@ impl FileReader for PointsPtx {
     type Value = Points;
     const EXTENSIONS: &'static [&'static str] = &["ptx"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
+    const SIZE: crate::SizeReader = Some(crate::size::rows);
 
     fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         let (points, left_out) = read_points(file.bytes())?;

@@ -16,6 +16,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::fidelity::Fidelities;
+use crate::size::{FileHead, ValueSize};
 
 /// A reader of files, which returns values of one type from files of one format.
 pub trait FileReader {
@@ -39,6 +40,10 @@ pub trait FileReader {
     /// this format have no companions. Companions are other files to which a file refers, such as the materials of an OBJ file. They count
     /// as a part of the file: results are computed again when a companion changes, and a watch monitors it. The function must never panic.
     const COMPANIONS: Option<fn(&InputFile<'_>)> = None;
+
+    /// A function that tells the size of the value from the first bytes of a file and its length. It returns `None` if they do not tell.
+    /// `None` if the format does not state sizes. The function must never panic.
+    const SIZE: Option<fn(&FileHead<'_>) -> Option<ValueSize>> = None;
 }
 
 /// The maximum value of a color channel, for files that do not specify it.
@@ -128,6 +133,7 @@ pub struct AnyReader {
     kind: fn() -> &'static ValueType,
     read: fn(&InputFile<'_>) -> Result<AnyValue, Error>,
     companions: Option<fn(&InputFile<'_>)>,
+    size: Option<fn(&FileHead<'_>) -> Option<ValueSize>>,
     /// The data of meshes and points that the reader preserves.
     #[doc(hidden)]
     pub fidelity: Fidelities,
@@ -140,6 +146,7 @@ pub const fn reader<R: FileReader>() -> AnyReader {
         kind: value_type::<R::Value>,
         read: |file| R::read(file).map(AnyValue::new),
         companions: R::COMPANIONS,
+        size: R::SIZE,
         fidelity: R::FIDELITY,
     }
 }
@@ -266,6 +273,14 @@ impl Readers {
                 Err(NoReader { what: "value", extension: ending, known }.into())
             }
         }
+    }
+
+    /// Returns the size of the value of type `kind` in a file. `None` if the start of the file does not tell it.
+    #[doc(hidden)]
+    pub fn size(&self, kind: &ValueType, head: &FileHead<'_>) -> Option<ValueSize> {
+        let mut readers = self.0.iter().filter(|reader| reader.kind() == kind);
+        let reader = readers.find(|reader| reader.extensions.contains(&head.extension))?;
+        reader.size.and_then(|size| size(head))
     }
 
     /// Returns true if files with this extension may have companions.

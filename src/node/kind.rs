@@ -11,6 +11,7 @@ use super::{
     Carry, Context, Exactness, FieldError, FilePath, Node, Outputs, Previous, Source, Term,
 };
 use crate::budget::Estimate;
+use crate::size::{Forecast, Sizes};
 
 /// The description of a node type, independent of its Rust type. [`node`] creates it.
 #[derive(Clone, Copy)]
@@ -70,6 +71,12 @@ pub trait AnyNode: Send + Sync {
     fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
         None
     }
+
+    /// Predicts the sizes of the outputs: see [`Node::forecast`].
+    fn forecast(&self, _: &Sizes<'_>) -> Option<Forecast> {
+        None
+    }
+
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error>;
     fn update(&self, _: &Context<'_>, _: &Previous<'_>) -> Result<Option<Vec<AnyValue>>, Error> {
         Ok(None)
@@ -101,6 +108,10 @@ pub trait AnyNode: Send + Sync {
 impl<T: Node> AnyNode for T {
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         Node::estimate(self, cx)
+    }
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        Node::forecast(self, sizes)
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error> {

@@ -23,6 +23,7 @@ mod kind;
 mod node;
 mod port;
 mod previous;
+mod size;
 mod terms;
 
 pub use budget::{Estimate, Limit, LimitError};
@@ -46,4 +47,5 @@ pub use pack::{Content, FileFormat, Format, Migration, NewFile, NewValue, Pack, 
 pub use port::{In, Outputs, PortType};
 pub use previous::Previous;
 pub use provenance::Signature;
+pub use size::{Certainty, FileHead, Forecast, Sizes, ValueSize};
 pub use terms::{Promise, Source, Term, Want};

@@ -6,13 +6,14 @@ use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use maquette_graph::{ELEMENTS, GraphNode, Link};
-use maquette_node::budget::Estimate;
-use maquette_node::{AnyNode, Context, File, Previous, Progress};
+use maquette_node::budget::{Estimate, MemoryError};
+use maquette_node::{AnyNode, Context, File, Previous, Progress, ValueSize};
 use maquette_syntax::error::{CancelledError, Error};
 use maquette_value::Hash;
 
 use super::cache::{Outcome, Values};
 use super::key::Parts;
+use super::needs::fitting_input;
 use super::plan::Task;
 use super::run::{NodeEvent, Run, size};
 use super::snapshot::NodeRecord;
@@ -61,7 +62,12 @@ impl Run<'_> {
         let ready = inputs.and_then(|inputs| {
             let estimate = self.estimate(index, &inputs, files)?;
             let own = self.unheld_bytes(index, &inputs);
-            Ok((self.memory.admit(index, estimate, own, &self.evaluator.cache)?, estimate, inputs))
+            let admitted = self.memory.admit(index, estimate, own, &self.evaluator.cache);
+            Ok((
+                admitted.map_err(|error| self.with_fitting_input(index, error, &inputs))?,
+                estimate,
+                inputs,
+            ))
         });
         let (estimate, inputs) = match ready {
             Ok((true, estimate, inputs)) => (estimate, inputs),
@@ -131,6 +137,21 @@ impl Run<'_> {
     ) -> Result<Option<Estimate>, Error> {
         let node = &self.graph.nodes()[index].node;
         Ok(self.call_node(index, inputs, files, |cx| Ok(node.estimate(cx)))?.0)
+    }
+
+    /// Adds to an error the size of the inputs for which the memory would suffice.
+    fn with_fitting_input(
+        &self,
+        index: usize,
+        error: MemoryError,
+        inputs: &[Values],
+    ) -> MemoryError {
+        let node = &self.graph.nodes()[index];
+        let links = node.links.iter().zip(inputs);
+        let sizes = links.map(|(link, values)| Some(ValueSize::of_value(&values[link.output])));
+        let room = error.most.saturating_sub(error.held) as f64;
+        let fits = fitting_input(&*node.node, &sizes.collect::<Vec<_>>(), room);
+        MemoryError { fits, ..error }
     }
 
     /// Returns the size in bytes of those inputs that are in memory only for this node, because their source nodes have no slot.
