@@ -2,8 +2,7 @@
 
 use maquette_base::weld::{WeldedMesh, weld};
 use maquette_node::{
-    Carry, Certainty, Context, Error, Estimate, Forecast, In, Node, Promise, Sizes, Transfer,
-    ValueSize,
+    Carry, Certainty, Context, Error, Forecast, In, Node, Promise, Sizes, Transfer, ValueSize,
 };
 use maquette_value::parallel::UntilStopped;
 use maquette_value::{Mesh, Trace, TraceStep};
