@@ -65,6 +65,11 @@ const ROOT: u32 = u32::MAX;
 /// A system with at most this many unknowns is factored on one thread.
 const MAX_SEQUENTIAL_UNKNOWNS: usize = 500;
 
+/// The minimum number of subtrees into which the assembly tree of a large system is divided, and the number of unknowns of a subtree that is
+/// not worth dividing.
+const MIN_TASKS: usize = 64;
+const MIN_TASK_UNKNOWNS: usize = 200;
+
 impl Cholesky {
     /// Factors a matrix. Returns `None` if the matrix is not positive definite.
     pub fn new(matrix: &Symmetric) -> Option<Self> {
@@ -86,20 +91,21 @@ impl Cholesky {
         (0..).zip(order).for_each(|(at, &unknown)| place[unknown as usize] = at);
         let tree = Tree::new(matrix, dissection, &place);
         let elimination = Elimination { matrix, order, place: &place, tree: &tree, progress };
-        let (tasks, last) = tree.tasks(order.len());
-        let done = tasks
-            .par_iter()
-            .map(|groups| elimination.run(groups, BTreeMap::new()))
-            .collect::<Result<Vec<_>, CancelledError>>()?;
-        let Some(done) = done.into_iter().collect::<Option<Vec<_>>>() else { return Ok(None) };
         let mut factors = Vec::with_capacity(tree.below.len());
-        let mut left = BTreeMap::new();
-        for (done, rest) in done {
-            factors.extend(done);
-            left.extend(rest);
+        let mut left = PendingUpdates::new();
+        for wave in tree.waves(order.len()) {
+            let ready: Vec<_> =
+                wave.into_iter().map(|task| tree.with_updates(task, &mut left)).collect();
+            let done = ready
+                .into_par_iter()
+                .map(|(groups, updates): (Vec<u32>, _)| elimination.run(&groups, updates))
+                .collect::<Result<Vec<_>, CancelledError>>()?;
+            let Some(done) = done.into_iter().collect::<Option<Vec<_>>>() else { return Ok(None) };
+            for (done, rest) in done {
+                factors.extend(done);
+                left.extend(rest);
+            }
         }
-        let Some((done, _)) = elimination.run(&last, left)? else { return Ok(None) };
-        factors.extend(done);
         factors.sort_by_key(|factor| factor.first);
         Ok(Some(Self { order: order.clone(), factors }))
     }
@@ -206,35 +212,63 @@ impl Tree {
         tree
     }
 
-    /// Divides the groups of unknowns into independent tasks, whose groups can be eliminated in parallel. Also returns the remaining
-    /// groups, which depend on these tasks.
-    fn tasks(&self, unknowns: usize) -> (Vec<Vec<u32>>, Vec<u32>) {
+    /// Divides the groups of unknowns into waves of tasks. The tasks of a wave, lists of groups, are independent of each other; they depend
+    /// on the tasks of earlier waves. The tasks of the first wave are small subtrees, those of later waves single groups.
+    fn waves(&self, unknowns: usize) -> Vec<Vec<Vec<u32>>> {
         let count = self.parents.len();
+        if unknowns <= MAX_SEQUENTIAL_UNKNOWNS {
+            return vec![vec![(0..count as u32).collect()]];
+        }
         let mut sizes: Vec<u32> = self.starts.windows(2).map(|ends| ends[1] - ends[0]).collect();
         for k in 0..count {
             if self.parents[k] != ROOT {
                 sizes[self.parents[k] as usize] += sizes[k];
             }
         }
-        let most = if unknowns <= MAX_SEQUENTIAL_UNKNOWNS { 0 } else { unknowns * 3 / 5 };
-        let (mut tasks, mut last) = (Vec::new(), Vec::new());
-        let mut task = vec![ROOT; count];
+        let most = (unknowns / MIN_TASKS).max(MIN_TASK_UNKNOWNS);
+        let mut subtrees = Vec::new();
+        let mut subtree = vec![ROOT; count];
         for k in (0..count).rev() {
             let parent = self.parents[k];
-            let above = if parent == ROOT { ROOT } else { task[parent as usize] };
+            let above = if parent == ROOT { ROOT } else { subtree[parent as usize] };
             if above != ROOT {
-                task[k] = above;
+                subtree[k] = above;
             } else if sizes[k] as usize <= most {
-                task[k] = tasks.len() as u32;
-                tasks.push(Vec::new());
+                subtree[k] = subtrees.len() as u32;
+                subtrees.push(Vec::new());
             }
-            match task[k] {
-                ROOT => last.push(k as u32),
-                own => tasks[own as usize].push(k as u32),
+            if let Some(groups) = subtrees.get_mut(subtree[k] as usize) {
+                groups.push(k as u32);
             }
         }
-        tasks.iter_mut().chain([&mut last]).for_each(|groups: &mut Vec<u32>| groups.reverse());
-        (tasks, last)
+        subtrees.iter_mut().for_each(|groups: &mut Vec<u32>| groups.reverse());
+        let mut waves = vec![subtrees];
+        // For each group the number of waves before its own.
+        let mut waves_before = vec![1; count];
+        for k in 0..count {
+            if subtree[k] != ROOT {
+                continue;
+            }
+            let children = self.children[k].iter().map(|&child| child as usize);
+            let after = children.filter(|&child| subtree[child] == ROOT);
+            waves_before[k] = after.map(|child| waves_before[child] + 1).max().unwrap_or(1);
+            if waves.len() <= waves_before[k] {
+                waves.push(Vec::new());
+            }
+            waves[waves_before[k]].push(vec![k as u32]);
+        }
+        waves
+    }
+
+    /// Takes the updates for the groups of a task.
+    fn with_updates(
+        &self,
+        task: Vec<u32>,
+        pending: &mut PendingUpdates,
+    ) -> (Vec<u32>, PendingUpdates) {
+        let children = task.iter().flat_map(|&group| &self.children[group as usize]);
+        let updates = children.filter_map(|child| pending.remove_entry(child)).collect();
+        (task, updates)
     }
 }
 
