@@ -37,9 +37,9 @@ pub(super) fn stl(head: &FileHead<'_>) -> Option<ValueSize> {
         true => (f64::from(stated), Certainty::Exact),
         // A text has a line `endfacet` for each triangle.
         false => {
-            let count =
-                |line: &[u8]| [f64::from(u8::from(words(line).next() == Some(b"endfacet")))];
-            let ([triangles], certainty) = sample_lines(head, count)?;
+            let ([triangles], certainty) = sample_lines(head, |line| {
+                [f64::from(u8::from(words(line).next() == Some(b"endfacet")))]
+            })?;
             (triangles, certainty)
         }
     };
@@ -50,25 +50,23 @@ pub(super) fn stl(head: &FileHead<'_>) -> Option<ValueSize> {
 
 /// Returns the size of the mesh in an OBJ file, extrapolated from samples of its lines.
 pub(super) fn obj(head: &FileHead<'_>) -> Option<ValueSize> {
-    let counts = |line: &[u8]| {
+    let ([vertices, faces, corners], certainty) = sample_lines(head, |line| {
         let mut words = words(line);
         match words.next() {
             Some(b"v") => [1.0, 0.0, 0.0],
             Some(b"f") => [0.0, 1.0, words.count() as f64],
             _ => [0.0; 3],
         }
-    };
-    let ([vertices, faces, corners], certainty) = sample_lines(head, counts)?;
+    })?;
     Some(ValueSize::mesh(vertices, faces, corners).at_most(certainty))
 }
 
 /// Returns the size of the points in a text with a point per line, extrapolated from samples of its lines.
 pub(super) fn rows(head: &FileHead<'_>) -> Option<ValueSize> {
-    let counts = |line: &[u8]| {
+    let ([points, others], certainty) = sample_lines(head, |line| {
         let numbers = words(line).map_while(parse::<f64>).count() as f64;
         if numbers < 3.0 { [0.0; 2] } else { [1.0, numbers - 3.0] }
-    };
-    let ([points, others], certainty) = sample_lines(head, counts)?;
+    })?;
     let attributes = if points > 0.0 { 8.0 * others / points } else { 0.0 };
     Some(ValueSize::points(points, attributes).at_most(certainty))
 }
@@ -183,10 +181,12 @@ pub(super) fn range(head: &FileHead<'_>) -> Option<ValueSize> {
 /// Returns the width and height of a picture in pixels.
 fn picture_size(head: &FileHead<'_>) -> Option<[u32; 2]> {
     let bytes = head.start;
-    let little = |at: usize| Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?));
     match Kind::detect(bytes)? {
         Kind::Png => Some([16, 20].map(|at| big_u32(bytes, at))).and_then(both),
-        Kind::Bmp => both([little(18), little(22).map(|rows| rows.cast_signed().unsigned_abs())]),
+        Kind::Bmp => {
+            let rows = little_u32(bytes, 22)?.cast_signed().unsigned_abs();
+            Some([little_u32(bytes, 18)?, rows])
+        }
         Kind::Jpeg => jpeg(bytes),
         Kind::Tiff => tiff(head),
         Kind::WebP => webp(bytes),
@@ -199,8 +199,16 @@ fn both([width, height]: [Option<u32>; 2]) -> Option<[u32; 2]> {
     Some([width?, height?])
 }
 
+fn little_u32(bytes: &[u8], at: usize) -> Option<u32> {
+    Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?))
+}
+
 fn big_u32(bytes: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_be_bytes(*bytes.get(at..)?.first_chunk()?))
+}
+
+fn little_u16(bytes: &[u8], at: usize) -> Option<u32> {
+    Some(u16::from_le_bytes(*bytes.get(at..)?.first_chunk()?).into())
 }
 
 fn big_u16(bytes: &[u8], at: usize) -> Option<u32> {
@@ -225,45 +233,41 @@ fn jpeg(bytes: &[u8]) -> Option<[u32; 2]> {
 
 /// Reads the tags 256 and 257 of the first directory of a TIFF file.
 fn tiff(head: &FileHead<'_>) -> Option<[u32; 2]> {
-    let is_big_endian = head.start.starts_with(b"MM");
-    let u16_at = |bytes: &[u8], at: usize| {
-        let two = *bytes.get(at..)?.first_chunk()?;
-        Some(if is_big_endian { u16::from_be_bytes(two) } else { u16::from_le_bytes(two) })
-    };
-    let u32_at = |bytes: &[u8], at: usize| {
-        let four = *bytes.get(at..)?.first_chunk()?;
-        Some(if is_big_endian { u32::from_be_bytes(four) } else { u32::from_le_bytes(four) })
-    };
+    let (u16_at, u32_at): (ReadAt, ReadAt) =
+        if head.start.starts_with(b"MM") { (big_u16, big_u32) } else { (little_u16, little_u32) };
     // Files with 64-bit offsets have the version 43.
     if u16_at(head.start, 2)? != 42 {
         return None;
     }
     const ENTRY: usize = 12;
-    const SHORT: u16 = 3;
+    const SHORT: u32 = 3;
     let directory = head.read_at(u32_at(head.start, 4)?.into(), 2 + ENTRY * 64)?;
-    let tag = |wanted: u16| {
-        let entry = directory.get(2..)?.as_chunks::<ENTRY>().0.iter();
-        let entry = entry
-            .take(u16_at(&directory, 0)?.into())
-            .find(|it| u16_at(&it[..], 0) == Some(wanted))?;
-        match u16_at(entry, 2)? {
-            SHORT => u16_at(entry, 8).map(u32::from),
-            _ => u32_at(entry, 8),
+    let entries = directory.get(2..)?.as_chunks::<ENTRY>().0.iter();
+    let entries = entries.take(u16_at(&directory, 0)? as usize);
+    let [mut width, mut height] = [None; 2];
+    for entry in entries {
+        let value = if u16_at(entry, 2)? == SHORT { u16_at(entry, 8) } else { u32_at(entry, 8) };
+        match u16_at(entry, 0)? {
+            256 => width = width.or(value),
+            257 => height = height.or(value),
+            _ => {}
         }
-    };
-    both([tag(256), tag(257)])
+    }
+    both([width, height])
 }
+
+/// Reads a number at a position.
+type ReadAt = fn(&[u8], usize) -> Option<u32>;
 
 /// Reads the size in the first chunk of a WebP file: extended, lossless or lossy.
 fn webp(bytes: &[u8]) -> Option<[u32; 2]> {
-    let little = |at: usize| Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?));
     match bytes.get(12..16)? {
-        b"VP8X" => both([24, 27].map(|at| Some((little(at)? & 0xff_ffff) + 1))),
+        b"VP8X" => both([24, 27].map(|at| Some((little_u32(bytes, at)? & 0xff_ffff) + 1))),
         b"VP8L" => {
-            let bits = little(21)?;
+            let bits = little_u32(bytes, 21)?;
             Some([bits & 0x3fff, bits >> 14 & 0x3fff].map(|less_one| less_one + 1))
         }
-        _ => both([26, 28].map(|at| Some(little(at)? & 0x3fff))),
+        _ => both([26, 28].map(|at| Some(little_u32(bytes, at)? & 0x3fff))),
     }
 }
 
@@ -271,8 +275,9 @@ fn webp(bytes: &[u8]) -> Option<[u32; 2]> {
 fn exr(bytes: &[u8]) -> Option<[u32; 2]> {
     const NAME: &[u8] = b"dataWindow\0box2i\0";
     let at = bytes.windows(NAME.len()).position(|window| window == NAME)? + NAME.len() + 4;
-    let number = |k: usize| Some(i32::from_le_bytes(*bytes.get(at + 4 * k..)?.first_chunk()?));
-    let [left, top, right, bottom] = [number(0)?, number(1)?, number(2)?, number(3)?];
+    let (corners, _) = bytes.get(at..)?.as_chunks::<4>();
+    let [left, top, right, bottom] =
+        corners.first_chunk()?.map(|number: [u8; 4]| i32::from_le_bytes(number));
     Some([right.abs_diff(left).saturating_add(1), bottom.abs_diff(top).saturating_add(1)])
 }
 

@@ -99,11 +99,13 @@ mod tests {
             let chunks = KeyChunks::new(n_keys, n_sources, |source| keys[source]);
             for chunk in 0..chunks.count() {
                 let own = chunks.keys(chunk);
-                let is_in = |keys: &[u32; 3]| keys.iter().any(|&key| own.contains(&(key as usize)));
+                fn is_in(keys: &[u32; 3], own: &Range<usize>) -> bool {
+                    keys.iter().any(|&key| own.contains(&(key as usize)))
+                }
                 let mut found = Vec::new();
                 chunks.for_each_source(chunk, |source| found.push(source));
-                found.retain(|&source| chunks.count() > 1 || is_in(&keys[source]));
-                let expected = (0..n_sources).filter(|&source| is_in(&keys[source]));
+                found.retain(|&source| chunks.count() > 1 || is_in(&keys[source], &own));
+                let expected = (0..n_sources).filter(|&source| is_in(&keys[source], &own));
                 assert_eq!(found, expected.collect::<Vec<_>>());
             }
         }

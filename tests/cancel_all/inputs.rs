@@ -275,7 +275,7 @@ fn ball(triangles: usize) -> Mesh {
 /// A range image of a noisy relief with square holes.
 fn scan(side: usize) -> RangeImage {
     let mut rng = Random(8);
-    let cell = |cell: usize| {
+    let cells = (0..side * side).map(|cell| {
         let [column, row] = [cell % side, cell / side];
         if column % 150 < 20 && row % 150 < 20 && column * row > 0 {
             return Point3::new(f64::NAN, f64::NAN, f64::NAN);
@@ -283,40 +283,40 @@ fn scan(side: usize) -> RangeImage {
         let [x, y] = [column as f64, row as f64];
         let relief = 20.0 * libm::sin(x / 60.0) * libm::sin(y / 50.0) + 40.0 * libm::sin(x / 300.0);
         Point3::new(x, y, 5000.0 + relief + 0.2 * rng.even())
-    };
-    RangeImage::new(side, side, (0..side * side).map(cell).collect()).unwrap()
+    });
+    RangeImage::new(side, side, cells.collect()).unwrap()
 }
 
 /// A picture of a red disk, which covers most of it, on a colored ground.
 fn color(side: usize) -> Image {
     let mut rng = Random(9);
-    let pixel = |pixel: usize| {
+    let pixels = (0..side * side).map(|pixel| {
         let at = [pixel % side, pixel / side].map(|at| at.abs_diff(side / 2));
         let noise = (rng.even() * 12.0) as u8;
         match at[0] * at[0] + at[1] * at[1] < side * side / 6 {
             true => [190 + noise, 51 + noise, 35],
             false => [30 + noise, 108, 180 + noise],
         }
-    };
-    Image::new(side, side, (0..side * side).map(pixel).collect::<Vec<_>>()).unwrap()
+    });
+    Image::new(side, side, pixels.collect::<Vec<_>>()).unwrap()
 }
 
 /// A wavy net of points.
 fn net(side: usize) -> ControlNet {
-    let point = |at: usize| {
+    let points = (0..side * side).map(|at| {
         let [x, y] = [(at % side) as f64, (at / side) as f64];
         Point3::new(x, y, 5.0 * libm::sin(x / 7.0) * libm::sin(y / 9.0))
-    };
-    ControlNet::new(side, side, (0..side * side).map(point).collect::<Vec<_>>()).unwrap()
+    });
+    ControlNet::new(side, side, points.collect::<Vec<_>>()).unwrap()
 }
 
 /// A closed curve around the y axis at a distance of 20 to 30 mm.
 fn curve(points: usize) -> Curve {
     let count = points as f64;
-    let point = |at: usize| {
+    let points = (0..points).map(|at| {
         let angle = std::f64::consts::TAU * at as f64 / count;
         let (sin, cos) = libm::sincos(angle);
         Point3::new(25.0 + 4.0 * cos, 4.0 * sin, 0.02 * libm::sin(25.0 * angle))
-    };
-    Curve::polyline((0..points).map(point).collect::<Vec<_>>(), true).unwrap()
+    });
+    Curve::polyline(points.collect::<Vec<_>>(), true).unwrap()
 }

@@ -129,24 +129,24 @@ fn evaluate(evaluator: &mut Evaluator, graph: &Graph, observer: &dyn Observer, l
     let (begin, start) = (Instant::now(), Times::now().total());
     let (over, ended) = channel::<()>();
     let token = cancel.clone();
-    let wait_and_cancel = move || {
-        loop {
-            let now = Times::now();
-            // On other systems, the time on the clock decides.
-            let is_known = !now.0.is_empty();
-            let time = if is_known { now.total() - start } else { begin.elapsed().as_secs_f64() };
-            if time >= limit {
-                token.cancel();
-                return (Instant::now(), now);
-            }
-            let pause = Duration::from_secs_f64((limit - time).clamp(0.0005, 0.02));
-            if ended.recv_timeout(pause).is_ok() {
-                return (Instant::now(), Times::now());
-            }
-        }
-    };
     std::thread::scope(|scope| {
-        let canceller = scope.spawn(wait_and_cancel);
+        let canceller = scope.spawn(move || {
+            loop {
+                let now = Times::now();
+                // On other systems, the time on the clock decides.
+                let is_known = !now.0.is_empty();
+                let time =
+                    if is_known { now.total() - start } else { begin.elapsed().as_secs_f64() };
+                if time >= limit {
+                    token.cancel();
+                    return (Instant::now(), now);
+                }
+                let pause = Duration::from_secs_f64((limit - time).clamp(0.0005, 0.02));
+                if ended.recv_timeout(pause).is_ok() {
+                    return (Instant::now(), Times::now());
+                }
+            }
+        });
         let trace = evaluator.evaluate_all_nodes(graph, observer, &cancel).trace();
         let (clock, after) = (Instant::now(), Times::now());
         // The receiver is gone if the evaluation was cancelled.
@@ -169,8 +169,8 @@ fn check(node: &str, inputs: &mut Inputs, catalog: &Catalog, pool: &Pool) -> Vec
     inputs.write_files(node, folder.path());
     let (values, text) = (inputs.of_node(node), inputs.complete(node));
     let path = folder.path().join("graph.ron");
+    let graph = graph(&text, &values, &path, catalog);
     let run = |observer: &dyn Observer, limit: f64| {
-        let graph = graph(&text, &values, &path, catalog);
         let mut evaluator = Evaluator::with_threads(pool.clone(), 1 << 34);
         evaluate(&mut evaluator, &graph, observer, limit)
     };
@@ -181,11 +181,11 @@ fn check(node: &str, inputs: &mut Inputs, catalog: &Catalog, pool: &Pool) -> Vec
     let fractions = (0..cancels).map(|cancel: u32| (f64::from(cancel) + 0.5) / f64::from(cancels));
     let ends: Vec<End> = fractions.map(|fraction| run(&(), whole.time * fraction)).collect();
     let was_cancelled = whole.reason == "cancelled";
-    let stops = || ends.iter().chain(was_cancelled.then_some(&whole));
-    let longest = stops().map(|end| end.computed).fold(0.0, f64::max);
+    let stops: Vec<&End> = ends.iter().chain(was_cancelled.then_some(&whole)).collect();
+    let longest = stops.iter().map(|end| end.computed).fold(0.0, f64::max);
     if variable::<usize>("ELEMENTS").is_some() {
-        let clock = stops().map(|end| end.waited).fold(0.0, f64::max);
-        let each: Vec<_> = stops().map(|end| format!("{:.2}", end.computed)).collect();
+        let clock = stops.iter().map(|end| end.waited).fold(0.0, f64::max);
+        let each: Vec<_> = stops.iter().map(|end| format!("{:.2}", end.computed)).collect();
         println!(
             "time {:7.2}  stop {longest:5.2} (clock {clock:5.2})  progress: gap {:5.2}, off {difference:4.2}  {text}  [{}]",
             whole.time,

@@ -209,17 +209,17 @@ fn times_are_predicted_from_earlier_runs() {
 )
 "#;
     let project = Project::with_files(&[("doll.ron", fine), ("maquette.toml", "")]);
-    let seconds = || {
+    fn seconds(project: &Project) -> Option<f64> {
         let words = ["check", "--preflight", "doll.ron", "--json", "--set", "levels=4"];
-        let (_, text, error, _) = run(&project, &words);
+        let (_, text, error, _) = run(project, &words);
         assert_eq!(error, "");
         let node = json(&text)["preflight"][0]["nodes"][1].clone();
         assert_eq!((&node["faces"], &node["state"]), (&393_216.0.into(), &"runs".into()));
         node["seconds"].as_f64()
-    };
-    assert_eq!(seconds(), None);
+    }
+    assert_eq!(seconds(&project), None);
     let (code, _, error, _) = run(&project, &["run", "doll.ron"]);
     assert_eq!(code, Some(0), "{error}");
-    let predicted = seconds().unwrap();
+    let predicted = seconds(&project).unwrap();
     assert!(predicted > 0.0);
 }

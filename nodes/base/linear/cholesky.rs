@@ -303,8 +303,8 @@ impl Schedule {
         }
         for factor in factors {
             let task = tasks[factor.first];
-            let inside = |row: &u32| task != ROOT && tasks[*row as usize] == task;
-            factor.inside = factor.below.partition_point(inside);
+            factor.inside =
+                factor.below.partition_point(|&row| task != ROOT && tasks[row as usize] == task);
         }
     }
 }

@@ -1,5 +1,7 @@
 //! Clusters of connected faces, and rounds in which many pairs of them are merged at a time, on all threads.
 
+use std::ops::Range;
+
 use maquette_base::topology::lists::Lists;
 use maquette_value::Mesh;
 use maquette_value::parallel::*;
@@ -77,18 +79,18 @@ impl Clusters {
     /// Makes a cluster of each face.
     pub(super) fn new(mesh: &Mesh, opposites: &[u32], of_corner: &[u32], lengths: &[f64]) -> Self {
         let faces = (0..mesh.faces().len()).into_par_iter();
-        let sides = |face: usize| {
+        fn sides(face: usize, mesh: &Mesh) -> Range<usize> {
             let first = mesh.faces().first_corner(face);
             first..first + mesh.faces().face(face).len()
-        };
+        }
         let all = faces.clone().with_min_len(BATCH).map(|face| {
             let vector = mesh.area_vector(mesh.faces().face(face));
-            let rim = sides(face).fold(0.0, |rim, side| rim + lengths[side]);
+            let rim = sides(face, mesh).fold(0.0, |rim, side| rim + lengths[side]);
             Cluster { area: vector.norm(), vector, rim }
         });
         let all = all.collect();
         let around = collect_lists(mesh.faces().len(), |face, list| {
-            let neighbors = sides(face).filter_map(|side| {
+            let neighbors = sides(face, mesh).filter_map(|side| {
                 let opposite = opposites[side];
                 let other = (opposite != NONE).then(|| of_corner[opposite as usize])?;
                 (other != face as u32).then_some((other, lengths[side]))

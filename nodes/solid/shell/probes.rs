@@ -200,8 +200,9 @@ mod tests {
         for vertices_only in [true, false] {
             let [again, new] = [&mut again, &mut new]
                 .map(|probes| probes.lacks(&motion, |probe| probe.distance, vertices_only));
-            let is_same = |(a, b): (&f64, &f64)| a == b || (a - b).abs() < 1e-12;
-            assert!(again.iter().zip(&new).all(is_same), "{again:?} {new:?}");
+            for (a, b) in again.iter().zip(&new) {
+                assert!(a == b || (a - b).abs() < 1e-12, "{a} {b}");
+            }
         }
         let near = new.at_backs(&motion).iter().filter(|probe| probe.distance < 0.3).count();
         assert!(2 * near < backs.first.len() && 0 < near, "{near}");

@@ -26,17 +26,17 @@ pub(super) fn mesh(head: &FileHead<'_>) -> Option<ValueSize> {
 /// Returns the size of a mesh of the document, without parts that are not triangles.
 fn mesh_size(document: &Json, mesh: u64) -> ValueSize {
     const TRIANGLES: u64 = 4;
-    let count = |accessor: &Json| {
+    fn count(accessor: &Json, document: &Json) -> Option<f64> {
         let accessor = usize::try_from(accessor.as_u64()?).ok()?;
         document["accessors"][accessor]["count"].as_f64()
-    };
+    }
     let primitives = usize::try_from(mesh).ok().map(|mesh| &document["meshes"][mesh]["primitives"]);
     let primitives = primitives.and_then(Json::as_array).into_iter().flatten();
     let sizes = primitives
         .filter(|part| part["mode"].as_u64().unwrap_or(TRIANGLES) == TRIANGLES)
         .filter_map(|part| {
-            let vertices = count(&part["attributes"]["POSITION"])?;
-            let corners = count(&part["indices"]).unwrap_or(vertices);
+            let vertices = count(&part["attributes"]["POSITION"], document)?;
+            let corners = count(&part["indices"], document).unwrap_or(vertices);
             let others = part["attributes"].as_object().map_or(0, |it| it.len().saturating_sub(1));
             // A normal has 24 bytes, a pair of texture coordinates 16 and a color 3.
             let attributes = 16.0 * others as f64 * vertices;

@@ -18,18 +18,18 @@ fn attribute_bytes(vertex: &Element) -> f64 {
 /// one list.
 fn corners(header: &Header, length: u64) -> Option<f64> {
     let (last, others) = header.elements.split_last()?;
-    let is_plain = |element: &&Element| element.properties.iter().all(|it| it.length.is_none());
+    let mut of_others = others.iter().flat_map(|element| &element.properties);
     if last.name != "face"
         || header.encoding == Encoding::Ascii
-        || !others.iter().all(|it| is_plain(&it))
+        || of_others.any(|property| property.length.is_some())
     {
         return None;
     }
     let mut lists = last.properties.iter().filter(|property| property.length.is_some());
     let (list, None) = (lists.next()?, lists.next()) else { return None };
-    let row = |element: &Element| header.encoding.min_row_size(element) as f64;
-    let before: f64 = others.iter().map(|it| it.count as f64 * row(it)).sum();
-    let rest = length as f64 - header.start as f64 - before - last.count as f64 * row(last);
+    let rows = header.elements.iter();
+    let rows = rows.map(|it| it.count as f64 * header.encoding.min_row_size(it) as f64);
+    let rest = length as f64 - header.start as f64 - rows.sum::<f64>();
     Some((rest / list.scalar.size() as f64).max(0.0))
 }
 
