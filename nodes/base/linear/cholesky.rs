@@ -167,7 +167,7 @@ impl Cholesky {
         &self,
         task: &[u32],
         x: &[[f64; N]],
-    ) -> (Vec<[f64; N]>, Vec<(u32, [f64; N])>) {
+    ) -> (Vec<[f64; N]>, Vec<Change<N>>) {
         let (mut known, mut changes, mut own) = (self.gather(task, x), Vec::new(), Vec::new());
         let mut first = 0;
         for factor in self.factors_of(task) {
@@ -224,6 +224,9 @@ impl Cholesky {
         }
     }
 }
+
+/// The change of the right side of an unknown.
+type Change<const N: usize> = (u32, [f64; N]);
 
 fn add<const N: usize>(sum: &mut [f64; N], change: &[f64; N]) {
     (0..N).for_each(|axis| sum[axis] += change[axis]);
