@@ -212,7 +212,7 @@ fn crossings(mesh: &Mesh, kept: usize) -> usize {
             let is_filled = number.max(other) >= kept;
             if is_filled
                 && is_near
-                && (has_edge_through(a, b, place) || has_edge_through(b, a, place))
+                && (has_edge_through(a, b, places) || has_edge_through(b, a, places))
             {
                 count += 1;
             }
@@ -222,7 +222,7 @@ fn crossings(mesh: &Mesh, kept: usize) -> usize {
 }
 
 /// Returns true if an edge of triangle `a` intersects triangle `b`. Edges that share a vertex with `b` do not count.
-fn has_edge_through(a: &[u32], b: &[u32], place: impl Fn(u32) -> Point3<f64>) -> bool {
+fn has_edge_through(a: &[u32], b: &[u32], places: &[Point3<f64>]) -> bool {
     let side = |corners: [u32; 4]| {
         let [a, b, c, d] = corners.map(|vertex| {
             let p = places[vertex as usize];
