@@ -1,7 +1,7 @@
 //! Reads points from a file.
 
 use maquette_base::unit::Unit;
-use maquette_node::{ColorRange, Context, Error, FilePath, Node};
+use maquette_node::{Blocks, ColorRange, Context, Error, FilePath, Node};
 use maquette_value::Points;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -29,6 +29,7 @@ pub struct ReadPoints {
 impl Node for ReadPoints {
     type Outputs = (Points,);
     const OUTPUTS: [&'static str; 1] = ["points"];
+    const BLOCKS: Blocks = Blocks::Each;
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((in_millimeters(cx.read_with_colors(&self.path, self.colors)?, self.unit)?,))

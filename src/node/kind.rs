@@ -10,6 +10,7 @@ use schemars::Schema;
 use super::{
     Carry, Context, Exactness, FieldError, FilePath, Node, Outputs, Previous, Source, Term,
 };
+use crate::blocks::Blocks;
 use crate::budget::Estimate;
 
 /// The description of a node type, independent of its Rust type. [`node`] creates it.
@@ -87,6 +88,11 @@ pub trait AnyNode: Send + Sync {
         None
     }
 
+    /// Returns how the node handles a part of the points: see [`Node::BLOCKS`].
+    fn blocks(&self) -> Blocks {
+        Blocks::Whole
+    }
+
     /// Returns the required properties of inputs, as pairs of a port and a property.
     fn wants(&self) -> Vec<(&'static str, &'static str)> {
         Vec::new()
@@ -125,6 +131,10 @@ impl<T: Node> AnyNode for T {
 
     fn check(&self) -> Result<(), FieldError> {
         Node::check(self)
+    }
+
+    fn blocks(&self) -> Blocks {
+        T::BLOCKS
     }
 
     fn wants(&self) -> Vec<(&'static str, &'static str)> {

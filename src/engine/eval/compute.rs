@@ -224,6 +224,7 @@ impl Run<'_> {
             progress: Progress { report: Some(&report), cancel: Some(self.cancel) },
             memos: Some(&self.evaluator.cache),
             readers: self.graph.readers(),
+            block: None,
             warnings: Mutex::default(),
         };
         let result = catch_panic(|| self.cancel.stops(|| work(&cx))?)?;
