@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use maquette_node::Memos;
-use maquette_value::{AnyValue, Fact, FactValue, Hash};
+use maquette_value::{AnyValue, Fact, FactValue, Hash, Points, PointsDigest, Value};
 
 use super::lock;
 
@@ -38,6 +38,14 @@ impl Outcome {
         let shapes = values.iter().map(description).collect();
         let outcome = Self::without_values(outputs, warnings, bytes, seconds);
         Self { values: Mutex::new(Some(values.clone())), descriptions: shapes, ..outcome }
+    }
+
+    /// Creates the outcome of a node whose points were hashed in blocks, without its values.
+    pub(super) fn of_points(points: &PointsDigest, seconds: f64) -> Self {
+        let outputs = [(Points::NAME, points.hash)].into();
+        let description = format!("{} points", FactValue::Count(points.count));
+        let outcome = Self::without_values(outputs, Vec::new(), points.bytes, seconds);
+        outcome.with_descriptions(vec![description])
     }
 
     /// Creates an outcome from the hashes of its values. The values can be attached later.
