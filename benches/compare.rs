@@ -31,9 +31,13 @@ fn sheet(triangles: u32, lift: f64, shuffled: bool) -> Mesh {
     let mut points: Vec<_> = (0..n * n).map(at).collect();
     if shuffled {
         // This is a permutation, because 1 000 003 is a prime that does not divide the number of vertices.
-        let place = |vertex: u32| (u64::from(vertex) * 1_000_003 % u64::from(n * n)) as u32;
-        (0..n * n).for_each(|vertex| points[place(vertex) as usize] = at(vertex));
-        faces.iter_mut().for_each(|face| *face = [face[1], face[2], face[0]].map(place));
+        fn permuted(vertex: u32, n: u32) -> u32 {
+            (u64::from(vertex) * 1_000_003 % u64::from(n * n)) as u32
+        }
+        (0..n * n).for_each(|vertex| points[permuted(vertex, n) as usize] = at(vertex));
+        for face in &mut faces {
+            *face = [face[1], face[2], face[0]].map(|vertex| permuted(vertex, n));
+        }
         faces.reverse();
     }
     Mesh::new(points, Faces::triangles(faces)).unwrap()

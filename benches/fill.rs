@@ -207,7 +207,9 @@ fn report(case: &Case, name: &str, method: &FillMethod) {
 
 fn row(case: &Case, name: &str, milliseconds: f64, filled: &Mesh) -> String {
     let verdict = judge(case, filled);
-    let yes = |is: bool| if is { "yes" } else { "NO" };
+    fn yes(is: bool) -> &'static str {
+        if is { "yes" } else { "NO" }
+    }
     format!(
         "{:36} {name:18} {milliseconds:9.2} {:7.4} {:7.3} {:7.4} {:8.3} {:6} {:5} {:>5} {:>8} {:5}",
         case.name,

@@ -189,19 +189,26 @@ fn samples(mesh: &Mesh, kept: usize) -> (Vec<Point3<f64>>, Vec<f64>) {
 /// Counts the intersecting pairs of triangles of which at least one has an index from `kept` on. The geometric predicates are exact.
 /// Coplanar pairs do not count.
 fn crossings(mesh: &Mesh, kept: usize) -> usize {
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
-    let low = |face: &[u32]| place(face[0]).inf(&place(face[1])).inf(&place(face[2]));
-    let high = |face: &[u32]| place(face[0]).sup(&place(face[1])).sup(&place(face[2]));
+    let places = mesh.positions();
+    fn low(face: &[u32], places: &[Point3<f64>]) -> Point3<f64> {
+        let [a, b, c] = [0, 1, 2].map(|k| places[face[k] as usize]);
+        a.inf(&b).inf(&c)
+    }
+    fn high(face: &[u32], places: &[Point3<f64>]) -> Point3<f64> {
+        let [a, b, c] = [0, 1, 2].map(|k| places[face[k] as usize]);
+        a.sup(&b).sup(&c)
+    }
     let mut sorted: Vec<(usize, &[u32])> = mesh.faces().iter().enumerate().collect();
-    sorted.sort_by(|a, b| low(a.1).x.total_cmp(&low(b.1).x));
+    sorted.sort_by(|a, b| low(a.1, places).x.total_cmp(&low(b.1, places).x));
     let mut count = 0;
     for (index, &(number, a)) in sorted.iter().enumerate() {
-        let (low_a, high_a) = (low(a), high(a));
+        let (low_a, high_a) = (low(a, places), high(a, places));
         for &(other, b) in &sorted[index + 1..] {
-            if low(b).x > high_a.x {
+            if low(b, places).x > high_a.x {
                 break;
             }
-            let is_near = (1..3).all(|k| low(b)[k] <= high_a[k] && low_a[k] <= high(b)[k]);
+            let is_near =
+                (1..3).all(|k| low(b, places)[k] <= high_a[k] && low_a[k] <= high(b, places)[k]);
             let is_filled = number.max(other) >= kept;
             if is_filled
                 && is_near
@@ -218,7 +225,7 @@ fn crossings(mesh: &Mesh, kept: usize) -> usize {
 fn has_edge_through(a: &[u32], b: &[u32], place: impl Fn(u32) -> Point3<f64>) -> bool {
     let side = |corners: [u32; 4]| {
         let [a, b, c, d] = corners.map(|vertex| {
-            let p = place(vertex);
+            let p = places[vertex as usize];
             Coord3D { x: p.x, y: p.y, z: p.z }
         });
         orient3d(a, b, c, d)

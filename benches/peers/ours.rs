@@ -1,8 +1,8 @@
 //! Maquette's part of the comparison with other programs (peers) in `benches/peers/peers.py`. Does one task repeatedly, on the same inputs
 //! as the peers.
 //!
-//! `peers WORK FOLDER` reads the inputs from a folder, and does the task once without measuring it. It prints a number (the check) that
-//! must agree with the peers' result. Then it does the task once for each line on stdin, and prints the milliseconds. Each result is newly
+//! `peers FOLDER WORK [INPUT]` reads the inputs from a folder, and does the task once without measuring it. It prints a number (the check)
+//! that must agree with the peers' result, and perhaps a note on the result. Then it does the task once for each line on stdin, and prints the milliseconds. Each result is newly
 //! allocated, and is dropped after the time is taken. To add a task, add an arm to [`repeat`] and a row to `peers.py`.
 
 #![allow(clippy::print_stdout, reason = "the numbers go to the program that asks for them")]
@@ -19,17 +19,17 @@ use maquette::value::{
     Rgb, Surface,
 };
 use maquette_nodes::align::{AlignMethod, align};
-use maquette_nodes::clean::{Outliers, outliers, remesh};
+use maquette_nodes::clean::{Outliers, outliers, remesh, smooth};
 use maquette_nodes::color::{Layout, lay_out};
 use maquette_nodes::deform::{DeformOptions, Drag, Mode, ffd};
 use maquette_nodes::fill::{FillMethod, HoleChoice, fill_holes};
 use maquette_nodes::image::{
     Connectivity, High, Operator, Picture, Select, Space, edges, label, threshold,
 };
-use maquette_nodes::mesh::{Movable, Poses, reconstruct};
+use maquette_nodes::mesh::{Movable, Options as ReconstructOptions, Poses, reconstruct};
 use maquette_nodes::range::{Axes, Unit, read_range};
 use maquette_nodes::scan::Scan;
-use maquette_nodes::solid::{Operation, boolean};
+use maquette_nodes::solid::{Operation, boolean, hollow};
 use maquette_nodes::subdivision::{
     Boundary, Corners, Creases, InterpolateOptions, Plan, Scattered, Scheme, Subdivision,
     interpolate, simplify, subdivide,
@@ -38,18 +38,19 @@ use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vect
 
 fn main() {
     let arguments: Vec<_> = std::env::args().skip(1).collect();
-    let [work, folder] = &arguments[..] else {
-        println!("usage: peers WORK FOLDER; see benches/peers/peers.py");
+    let [folder, work, input @ ..] = &arguments[..] else {
+        println!("usage: peers FOLDER WORK [INPUT]; see benches/peers/peers.py");
         return;
     };
+    let input = input.first().map_or("", |input| input);
     // Keep freed memory, as an evaluator does.
     maquette::memory::keep_freed();
     let pool = rayon::ThreadPoolBuilder::new().build().expect("threads");
-    pool.install(|| repeat(work, Path::new(folder)));
+    pool.install(|| repeat(work, input, Path::new(folder)));
 }
 
-/// Reads the inputs of the task `work`, and does the task repeatedly.
-fn repeat(work: &str, folder: &Path) {
+/// Reads the inputs of the task `work`, and does the task repeatedly. `input` is the name of the input of tasks that have several.
+fn repeat(work: &str, input: &str, folder: &Path) {
     match work {
         "segment" => {
             let image = image(folder, "seg_rgb", |&color| color);
@@ -80,12 +81,14 @@ fn repeat(work: &str, folder: &Path) {
                 |filled| open(&filled.mesh) as f64,
             );
         }
-        "union" => {
-            let [ball, other] = ["ball", "other"].map(|name| mesh(folder, name));
-            fn run(ball: &Mesh, other: &Mesh) -> Result<Mesh, maquette::Error> {
-                boolean(ball, &[other], Operation::Union, &Progress::silent())
+        "union" => union(["ball", "other"].map(|name| mesh(folder, name))),
+        "union-large" => union(["large_ball", "large_other"].map(|name| mesh(folder, name))),
+        "hollow" => {
+            let ball = mesh(folder, "ball");
+            fn run(ball: &Mesh) -> Mesh {
+                hollow(ball, (1.0, 0.5), &[], &Progress::silent()).expect("a solid").0
             }
-            serve(|| run(&ball, &other).expect("two solids"), |united| united.faces().len() as f64);
+            serve_with_note(|| run(&ball), |mesh| format!("{} triangles", mesh.faces().len()));
         }
         "align" => align_scans(folder),
         "unwrap" => {
@@ -98,6 +101,21 @@ fn repeat(work: &str, folder: &Path) {
         }
         "reconstruct" => reconstruct_points(folder, "cloud", false),
         "reconstruct-normals" => reconstruct_points(folder, "cloud", true),
+        "reconstruct-large" => {
+            let mesh = mesh(folder, input);
+            let normals = bytemuck::cast_vec(mesh.vertex_normals());
+            let normals = Attribute::Vector(normals.into());
+            let points = Points::new(mesh.positions().to_vec()).expect("finite places");
+            let points = points.with_attribute("normal", normals).expect("one for each");
+            let (sources, options) = ([Scattered::Points(points)], ReconstructOptions::default());
+            serve_with_note(
+                || {
+                    reconstruct(&sources, Poses::Auto, &options, &Progress::silent())
+                        .expect("a skin")
+                },
+                |mesh| format!("{}, {} triangles", off_large_torus(mesh), mesh.faces().len()),
+            );
+        }
         "reconstruct-clean" => reconstruct_points(folder, "cloud_clean", false),
         "remesh" => {
             let mesh = mesh(folder, "clean");
@@ -106,7 +124,20 @@ fn repeat(work: &str, folder: &Path) {
                 |mesh| mesh.faces().len() as f64,
             );
         }
-        "simplify" => coarse(&mesh(folder, "clean")),
+        "simplify" if input.is_empty() => coarse(&mesh(folder, "clean")),
+        "simplify" => {
+            let mesh = mesh(folder, input);
+            let target = mesh.faces().len() / 15;
+            serve_with_note(
+                || simplify(&mesh, target, &Progress::silent()).expect("a surface"),
+                |mesh| format!("{}, {} triangles", off_large_torus(mesh), mesh.faces().len()),
+            );
+        }
+        "smooth" => smoothed(&mesh(folder, input), 0.0),
+        "smooth-equal" => {
+            let mesh = mesh(folder, input);
+            smoothed(&mesh, 3.9 * mean_edge(&mesh));
+        }
         "simplify-texture" => {
             let (_, uv) = open::<[f64; 2]>(folder, "clean_uv");
             let mesh = mesh(folder, "clean").with_corner("uv", Attribute::Pair(uv.into()));
@@ -146,6 +177,43 @@ fn repeat(work: &str, folder: &Path) {
     }
 }
 
+/// Unites two solids.
+fn union([ball, other]: [Mesh; 2]) {
+    fn run(ball: &Mesh, other: &Mesh) -> Result<Mesh, maquette::Error> {
+        boolean(ball, &[other], Operation::Union, &Progress::silent())
+    }
+    serve(|| run(&ball, &other).expect("two solids"), |united| united.faces().len() as f64);
+}
+
+/// Smooths away waves shorter than `length` mm, or than the default.
+fn smoothed(mesh: &Mesh, length: f64) {
+    serve_with_note(
+        || smooth(mesh, length, true, &Progress::silent()).expect("a surface"),
+        off_large_torus,
+    );
+}
+
+fn mean_edge(mesh: &Mesh) -> f64 {
+    let (points, ends) = (mesh.positions(), &mesh.edges().vertices);
+    let total: f64 =
+        ends.iter().map(|&[a, b]| (points[a as usize] - points[b as usize]).norm()).sum();
+    total / ends.len() as f64
+}
+
+/// The root mean square distance from the torus with bumps of `make_large_torus` in `peers.py`, without its noise.
+fn off_large_torus(mesh: &Mesh) -> String {
+    fn off(point: &Point3<f64>) -> f64 {
+        let (u, out) = (libm::atan2(point.y, point.x), libm::hypot(point.x, point.y) - 40.0);
+        let v = libm::atan2(point.z, out);
+        let bumps =
+            1.5 * libm::sin(9.0 * u) * libm::cos(7.0 * v) + 0.2 * libm::sin(41.0 * u + 23.0 * v);
+        libm::hypot(out, point.z) - 15.0 - bumps
+    }
+    let points = mesh.positions();
+    let squares: f64 = points.iter().map(|point| off(point) * off(point)).sum();
+    format!("off by {:.5} mm", (squares / points.len() as f64).sqrt())
+}
+
 /// The target length of edges for remeshing, in the unit of the mesh.
 const EVEN_LENGTH: f64 = 0.06;
 
@@ -162,6 +230,18 @@ fn coarse(mesh: &Mesh) {
 /// stdin, and prints the milliseconds.
 fn serve<T>(run: impl Fn() -> T, check: impl Fn(&T) -> f64) {
     answer(check(&run()));
+    measure_runs(run);
+}
+
+/// Like [`serve`], with a note on the result in place of the check.
+fn serve_with_note<T>(run: impl Fn() -> T, note: impl Fn(&T) -> String) {
+    println!("0 {}", note(&run()));
+    std::io::stdout().flush().expect("the program that asks is there");
+    measure_runs(run);
+}
+
+/// Does the task once for each line on stdin, and prints the milliseconds.
+fn measure_runs<T>(run: impl Fn() -> T) {
     for _ in std::io::stdin().lines() {
         let start = Instant::now();
         let result = black_box(run());
@@ -365,7 +445,7 @@ fn reconstruct_points(folder: &Path, name: &str, with_normals: bool) {
         points = points.with_attribute("normal", normals).expect("one for each");
     }
     let sources = [Scattered::Points(points)];
-    let options = maquette_nodes::mesh::Options::default();
+    let options = ReconstructOptions::default();
     serve(
         || reconstruct(&sources, Poses::Auto, &options, &Progress::silent()).expect("a skin"),
         |mesh| mesh.faces().len() as f64,

@@ -23,6 +23,7 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Callable
 
@@ -35,7 +36,7 @@ DATA = WORK / "data"
 OUT = WORK / "out"
 THREADS = 2
 # Installed from PyPI, in the version of the peers' requirements.txt if that has one.
-PACKAGES = ["numpy", "numba", "opencv-python-headless", "scipy", "scikit-image", "splinepy", "geomdl", "trimesh", "pymeshlab", "meshio", "open3d", "meshlib", "manifold3d", "xatlas"]
+PACKAGES = ["numpy", "numba", "opencv-python-headless", "scipy", "scikit-image", "splinepy", "geomdl", "trimesh", "pymeshlab", "meshio", "open3d", "meshlib", "manifold3d", "xatlas", "fast-simplification"]
 RUNS_OF_A_PROCESS = 4
 
 
@@ -50,7 +51,7 @@ class Peer:
 @dataclass
 class Row:
     name: str
-    # The name of the work in `ours.rs`, or a command.
+    # The name of the work in `ours.rs`, with the name of its input if it has several, or a command.
     ours: str | list[str]
     # The maximum of our time, in milliseconds.
     bar: float | None = None
@@ -287,24 +288,19 @@ def open3d_align():
     return Peer(f"Open3D {open3d.__version__}", run, error)
 
 
-def manifold_union():
-    import manifold3d
+def manifold_union(names, own_form):
+    """The union of two meshes. With `own_form`, the time does not include the conversion of the inputs to Manifold's own form."""
 
-    balls = [manifold3d.Manifold(manifold3d.Mesh64(load(f"{name}_v"), load(f"{name}_f").astype("u8"))) for name in ("ball", "other")]
-    run = lambda: manifold3d.Manifold.batch_boolean(balls, manifold3d.OpType.Add).to_mesh64()
-    return Peer("Manifold, in its own form", run, lambda mesh: len(mesh.tri_verts))
+    def open_peer():
+        import manifold3d
 
+        meshes = [(load(f"{name}_v"), load(f"{name}_f").astype("u8")) for name in names]
+        convert = lambda: [manifold3d.Manifold(manifold3d.Mesh64(*mesh)) for mesh in meshes]
+        converted = convert() if own_form else None
+        run = lambda: manifold3d.Manifold.batch_boolean(converted or convert(), manifold3d.OpType.Add).to_mesh64()
+        return Peer("Manifold, in its own form" if own_form else "Manifold, of meshes", run, lambda mesh: len(mesh.tri_verts))
 
-def manifold_union_of_meshes():
-    import manifold3d
-
-    meshes = [(load(f"{name}_v"), load(f"{name}_f").astype("u8")) for name in ("ball", "other")]
-
-    def run():
-        balls = [manifold3d.Manifold(manifold3d.Mesh64(*mesh)) for mesh in meshes]
-        return manifold3d.Manifold.batch_boolean(balls, manifold3d.OpType.Add).to_mesh64()
-
-    return Peer("Manifold, of meshes", run, lambda mesh: len(mesh.tri_verts))
+    return open_peer
 
 
 def meshlab_union():
@@ -360,6 +356,76 @@ def quality(places, faces):
         angles.append(numpy.degrees(numpy.arctan2(numpy.linalg.norm(numpy.cross(a, b), axis=1), (a * b).sum(1))))
     least = numpy.min(angles, axis=0)
     return f"{len(faces)} faces, smallest angles {least.mean():.1f} in the mean, {least.min():.1f} at least"
+
+
+def fast_simplification(name):
+    """Simplification of the torus of `make_large_torus` to a fifteenth of its triangles."""
+
+    def open_peer():
+        import fast_simplification
+        import numpy
+
+        points, faces = load(f"{name}_v"), load(f"{name}_f").astype("i4")
+        run = lambda: fast_simplification.simplify(points, faces, target_count=len(faces) // 15)
+        peer = Peer(f"fast_simplification {version('fast_simplification')}, 1 thread", run)
+        peer.note = lambda result: f"{off_large_torus(result[0])}, {len(result[1])} triangles"
+        return peer
+
+    return open_peer
+
+
+def meshlab_taubin(name):
+    """MeshLab's smoothing with its default of 10 steps, which halves waves of 3.9 edges."""
+
+    def open_peer():
+        import pymeshlab
+
+        given = pymeshlab.Mesh(load(f"{name}_v"), load(f"{name}_f"))
+
+        def run():
+            meshes = pymeshlab.MeshSet(verbose=False)
+            meshes.add_mesh(given)
+            meshes.apply_coord_taubin_smoothing()
+            return meshes
+
+        peer = Peer(f"MeshLab {version('pymeshlab')} Taubin, 1 thread", run)
+        peer.note = lambda meshes: off_large_torus(meshes.current_mesh().vertex_matrix())
+        return peer
+
+    return open_peer
+
+
+def meshlib_hollow():
+    """Walls of 1 mm with cells of 0.5 mm inside the ball, as ours."""
+    from meshlib import mrmeshnumpy, mrmeshpy
+
+    mesh = mrmeshnumpy.meshFromFacesVerts(load("ball_f"), load("ball_v"))
+
+    def run():
+        settings = mrmeshpy.GeneralOffsetParameters()
+        settings.voxelSize = 0.5
+        return mrmeshpy.thickenMesh(mesh, -1.0, settings)
+
+    peer = Peer(f"MeshLib {version('meshlib')} thickenMesh", run)
+    peer.note = lambda mesh: f"{mesh.topology.numValidFaces()} triangles"
+    return peer
+
+
+def off_large_torus(places):
+    """The root mean square distance from the torus of `make_large_torus` without noise, in millimeters."""
+    import numpy
+
+    x, y, z = numpy.asarray(places).T
+    u, out = numpy.arctan2(y, x), numpy.hypot(x, y) - 40
+    v = numpy.arctan2(z, out)
+    off = numpy.hypot(out, z) - 15 - bumps(u, v)
+    return f"off by {numpy.sqrt((off**2).mean()):.5f} mm"
+
+
+def bumps(u, v):
+    import numpy
+
+    return 1.5 * numpy.sin(9 * u) * numpy.cos(7 * v) + 0.2 * numpy.sin(41 * u + 23 * v)
 
 
 def open3d_outliers():
@@ -444,6 +510,20 @@ def open3d_poisson(cloud, normals):
         return peer
 
     return open_peer
+
+
+def open3d_large():
+    """Poisson reconstruction of depth 10, about that of ours, of the vertices of a large torus with normals estimated from its faces."""
+    import open3d
+
+    mesh = open3d.geometry.TriangleMesh(open3d.utility.Vector3dVector(load("torus_1500_v")), open3d.utility.Vector3iVector(load("torus_1500_f").astype("i4")))
+    mesh.compute_vertex_normals()
+    points = open3d.geometry.PointCloud(mesh.vertices)
+    points.normals = mesh.vertex_normals
+    run = lambda: open3d.geometry.TriangleMesh.create_from_point_cloud_poisson(points, depth=10, n_threads=THREADS)[0]
+    peer = Peer(f"Open3D {open3d.__version__} Poisson", run)
+    peer.note = lambda mesh: f"{off_large_torus(mesh.vertices)}, {len(mesh.triangles)} triangles"
+    return peer
 
 
 def meshlab_poisson(cloud, normals):
@@ -595,6 +675,8 @@ def python_pipeline(nurbs, mesh):
 PIPELINE = [PROJECT / "target/release/maquette", "run", DATA / "pipeline.ron", "--threads", str(THREADS), "--no-cache", "--json", "--out", OUT]
 
 TENTH = {"targetperc": 0.1}
+BALLS = ("ball", "other")
+LARGE_BALLS = ("large_ball", "large_other")
 ROWS = [
     Row("threshold, labels, statistics, 4096 x 4096", "segment", 45, [opencv_segment]),
     Row("edges by Sobel, 4096 x 4096", "edges", 25, [opencv_edges]),
@@ -616,7 +698,7 @@ ROWS = [
     Row("ffd drag of one of 64 handles", "ffd-drag", 10, [numpy_ffd(64, 1.0, True), numba_ffd(64, 1.0, True)]),
     Row("pipeline, 1.27 M faces, OBJ and PNG", PIPELINE, 250, [python_pipeline("splinepy", "pymeshlab")]),
     Row("fill a hole of 948 vertices, thin plate", "fill", 10, [cgal_fill, meshlib_fill]),
-    Row("union of two balls of 81 920 triangles", "union", None, [manifold_union, manifold_union_of_meshes, meshlab_union]),
+    Row("union of two balls of 81 920 triangles", "union", None, [manifold_union(BALLS, True), manifold_union(BALLS, False), meshlab_union]),
     Row("align two scans of 40 000 points, no hint", "align", 500, [open3d_align]),
     Row("charts of 100 000 triangles", "unwrap", 5000, [xatlas_unwrap]),
     Row("skin of 100 000 points, noise of 1 %", "reconstruct", 2000, [open3d_poisson("cloud", False), meshlab_poisson("cloud", False)]),
@@ -625,6 +707,13 @@ ROWS = [
     Row("remesh 100 000 triangles to one length", "remesh", None, [meshlab("meshing_isotropic_explicit_remeshing", targetlen=0.06, featuredeg=40.0, iterations=10)]),
     Row("simplify 100 000 triangles to a tenth", "simplify", None, [meshlab("meshing_decimation_quadric_edge_collapse", **TENTH)]),
     Row("the same with a texture", "simplify-texture", None, [meshlab("meshing_decimation_quadric_edge_collapse_with_texture", **TENTH)]),
+    Row("simplify 1.5 M triangles to 100 000", "simplify torus_1500", None, [fast_simplification("torus_1500")]),
+    Row("simplify 6 M triangles to 400 000", "simplify torus_6000", None, [fast_simplification("torus_6000")]),
+    Row("smooth 1.5 M triangles, both by default", "smooth torus_1500", None, [meshlab_taubin("torus_1500")]),
+    Row("smooth 1.5 M triangles, waves of 3.9 edges", "smooth-equal torus_1500", None, [meshlab_taubin("torus_1500")]),
+    Row("skin of 750 000 points and normals", "reconstruct-large torus_1500", None, [open3d_large]),
+    Row("union of two balls of 1.3 M triangles", "union-large", None, [manifold_union(LARGE_BALLS, True), manifold_union(LARGE_BALLS, False)]),
+    Row("hollow ball of 81 920 triangles", "hollow", None, [meshlib_hollow]),
     Row("outliers of 200 000 points", "outliers", None, [open3d_outliers]),
     Row("read PCD, 640 x 480, binary", "read-pcd", 4, [open3d_pcd]),
     Row("read PLY, 1 M triangles, binary", "read-ply", 8, [trimesh_ply(False), meshio_ply(False), open3d_ply(False)]),
@@ -642,12 +731,16 @@ def make_inputs():
 
     if not (DATA / "cloud.npy").exists():
         make_clouds()
-    if not (DATA / "ball_v.npy").exists():
-        make_balls()
+    if not (DATA / "large_other_f.npy").exists():
+        make_balls(BALLS, 6)
+        make_balls(LARGE_BALLS, 8)
     if not (DATA / "clean_v.npy").exists():
         make_rough()
     if not (DATA / "bumpy_v.npy").exists():
         make_bumpy()
+    if not (DATA / "torus_6000_f.npy").exists():
+        make_large_torus("torus_1500", 1000, 750)
+        make_large_torus("torus_6000", 2000, 1500)
     for name in ("bun000.ply", "bun045.ply"):
         (DATA / name).write_bytes((PEERS.parent / "data/real/stanford_bunny" / name).read_bytes())
     (DATA / "pipeline.ron").write_bytes(Path(__file__).with_name("pipeline.ron").read_bytes())
@@ -682,13 +775,13 @@ def make_clouds():
     numpy.save(DATA / "cloud.npy", points + random.normal(size=points.shape) * 0.01 * diagonal)
 
 
-def make_balls():
-    """Two overlapping balls of 81 920 triangles; one is rotated, so that no edges are parallel."""
+def make_balls(names, subdivisions):
+    """Two overlapping balls; one is rotated, so that no edges are parallel."""
     import numpy
     import trimesh
 
-    for name, middle, turn in (("ball", (0, 0, 0), 0.0), ("other", (5, 1, 2), 0.7)):
-        ball = trimesh.creation.icosphere(subdivisions=6, radius=10)
+    for name, middle, turn in zip(names, ((0, 0, 0), (5, 1, 2)), (0.0, 0.7)):
+        ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=10)
         ball.apply_transform(trimesh.transformations.rotation_matrix(turn, (1, 2, 3)))
         numpy.save(DATA / f"{name}_v.npy", ball.vertices + middle)
         numpy.save(DATA / f"{name}_f.npy", ball.faces.astype("u4"))
@@ -729,15 +822,37 @@ def make_bumpy():
     """A torus with bumps, of 100 000 triangles."""
     import numpy
 
-    rows, columns = 250, 200
+    u, v, faces = torus_grid(250, 200)
+    height = 2 * numpy.sin(9 * u) * numpy.cos(7 * v)
+    save_torus("bumpy", u, v, height, faces)
+
+
+def make_large_torus(name, rows, columns):
+    """A torus with bumps and noise, whose standard deviation is a tenth of the mean edge."""
+    import numpy
+
+    u, v, faces = torus_grid(rows, columns)
+    noise = numpy.random.default_rng(3).normal(size=len(u)) * 0.1 * 2 * numpy.pi * 28 / numpy.hypot(rows, columns)
+    save_torus(name, u, v, bumps(u, v) + noise, faces)
+
+
+def torus_grid(rows, columns):
+    """The angles of the vertices of a grid that is closed in both directions, and its triangles."""
+    import numpy
+
     i, j = (k.ravel() for k in numpy.mgrid[:rows, :columns])
-    u, v = 2 * numpy.pi * i / rows, 2 * numpy.pi * j / columns
-    round = 40 + (15 + 2 * numpy.sin(9 * u) * numpy.cos(7 * v)) * numpy.cos(v)
-    points = numpy.stack([round * numpy.cos(u), round * numpy.sin(u), (15 + 2 * numpy.sin(9 * u) * numpy.cos(7 * v)) * numpy.sin(v)], 1)
     at = lambda a, b: a % rows * columns + b % columns
     a, b, c, d = at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)
-    numpy.save(DATA / "bumpy_v.npy", points)
-    numpy.save(DATA / "bumpy_f.npy", numpy.concatenate([numpy.stack([a, b, c], 1), numpy.stack([a, c, d], 1)]).astype("<u4"))
+    return 2 * numpy.pi * i / rows, 2 * numpy.pi * j / columns, numpy.concatenate([numpy.stack([a, b, c], 1), numpy.stack([a, c, d], 1)])
+
+
+def save_torus(name, u, v, height, faces):
+    import numpy
+
+    tube = 15 + height
+    out = 40 + tube * numpy.cos(v)
+    numpy.save(DATA / f"{name}_v.npy", numpy.stack([out * numpy.cos(u), out * numpy.sin(u), tube * numpy.sin(v)], 1))
+    numpy.save(DATA / f"{name}_f.npy", faces.astype("<u4"))
 
 
 def wavy(width, height):
@@ -771,7 +886,7 @@ class Ours:
     """Our program, which is restarted after some runs."""
 
     def __init__(self, work):
-        self.work, self.process, self.peak, self.check = work, None, None, None
+        self.work, self.process, self.peak, self.check, self.note = work, None, None, None, None
 
     def run(self, k):
         if isinstance(self.work, list):
@@ -788,9 +903,10 @@ class Ours:
 
     def start(self):
         self.stop()
-        command = [PROJECT / "target/release/examples/peers", self.work, DATA]
+        command = [PROJECT / "target/release/examples/peers", DATA, *self.work.split()]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        self.check = float(self.process.stdout.readline())
+        check, *note = self.process.stdout.readline().split(maxsplit=1)
+        self.check, self.note = float(check), "".join(note).strip()
 
     def stop(self):
         if self.process:
@@ -848,6 +964,8 @@ def measure(row, peer_word="", between=lambda: None, max_seconds=float("inf")):
 
 
 def notes(ours, peer, result):
+    if ours.note:
+        yield f"ours is {ours.note}"
     if peer.check and ours.check is not None:
         theirs = peer.check(result)
         if abs(theirs - ours.check) > 1e-9 * max(abs(theirs), 1):

@@ -37,9 +37,9 @@ impl Cloud {
     pub(super) fn from_scans(scans: &[&Scan]) -> Result<(Vec<Self>, LocalOrigin), Error> {
         let origin = scans.first().map_or_else(LocalOrigin::default, |scan| LocalOrigin::new(scan));
         let clouds = scans
-            .iter()
-            .zip(1..)
-            .map(|(scan, number)| Self::from_scan(scan, origin, number))
+            .par_iter()
+            .zip(1..scans.len() + 1)
+            .map(|(scan, number): (&&Scan, usize)| Self::from_scan(scan, origin, number))
             .collect::<Result<_, _>>()?;
         Ok((clouds, origin))
     }

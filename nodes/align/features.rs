@@ -40,14 +40,14 @@ pub(super) struct Candidate {
 /// Returns the edge length of the sampling grid's cells for matching, in mm.
 pub(super) fn sampling_edge(clouds: &[Cloud]) -> f64 {
     clouds
-        .iter()
-        .map(|cloud| {
+        .par_iter()
+        .map(|cloud: &Cloud| {
             let (low, high) = cloud.bounds();
             let first = (high - low).norm() / 40.0;
             let count = cloud.sample(first).positions.len() as f64;
             (first * (count / SAMPLES).sqrt()).max(2.0 * cloud.spacing)
         })
-        .fold(0.0, f64::max)
+        .reduce(|| 0.0, f64::max)
 }
 
 /// A sampled scan with the feature histograms of its points.

@@ -54,7 +54,8 @@ impl Start {
         progress: &Progress<'_>,
     ) -> Result<Self, Error> {
         let edge = sampling_edge(clouds);
-        let descriptions = clouds.iter().map(|cloud| DescribedCloud::new(cloud, edge, progress));
+        let descriptions =
+            clouds.par_iter().map(|cloud| DescribedCloud::new(cloud, edge, progress));
         let descriptions = descriptions.collect::<Result<Vec<_>, _>>()?;
         let mut found: Vec<([usize; 2], Candidate)> = Vec::new();
         for (done, &[a, b]) in candidates.iter().enumerate() {

@@ -5,10 +5,14 @@
 
 use std::ops::Range;
 
+use maquette_value::parallel::{check_stop, join};
 use nalgebra::Point3;
 
 /// The maximum number of points in a leaf of the tree, which is not split further.
 const LEAF: usize = 8;
+
+/// The minimum number of points of a branch that is built on a thread of its own: about 100 us.
+const MIN_JOINED: usize = 1000;
 
 /// Points in the order of the tree: the points of each branch are contiguous, and the branch is split at its middle point.
 #[derive(Clone, Debug, Default)]
@@ -103,6 +107,7 @@ fn halve(points: &mut [(Point3<f64>, u32)], axes: &mut [u8]) {
     if points.len() <= LEAF {
         return;
     }
+    check_stop();
     let first = points[0].0;
     let (low, high) = points
         .iter()
@@ -114,8 +119,13 @@ fn halve(points: &mut [(Point3<f64>, u32)], axes: &mut [u8]) {
     axes[middle] = axis as u8;
     let (low, high) = points.split_at_mut(middle);
     let (low_axes, high_axes) = axes.split_at_mut(middle);
-    halve(low, low_axes);
-    halve(&mut high[1..], &mut high_axes[1..]);
+    let (high, high_axes) = (&mut high[1..], &mut high_axes[1..]);
+    if low.len() < MIN_JOINED {
+        halve(low, low_axes);
+        halve(high, high_axes);
+    } else {
+        join(|| halve(low, low_axes), || halve(high, high_axes));
+    }
 }
 
 #[cfg(test)]

@@ -87,7 +87,14 @@ impl Node for Remesh {
         if mesh.corner().iter().any(|(name, _)| name != "normal") {
             cx.warn("the attributes of corners are dropped: the new triangles do not follow their seams");
         }
-        Ok((remesh(mesh, self.length, self.angle, cx.progress())?,))
+        let (even, length) = remesh_apart(mesh, self.length, self.angle, cx.progress())?;
+        let asked = self::length(mesh, self.length);
+        if length < asked {
+            cx.warn(format!(
+                "walls are too thin for edges of {asked} mm, which would run through them: the edges have about {length} mm"
+            ));
+        }
+        Ok((even,))
     }
 }
 
@@ -117,18 +124,55 @@ pub fn remesh(
     angle: f64,
     progress: &Progress<'_>,
 ) -> Result<Mesh, Error> {
+    Ok(remesh_apart(mesh, length, angle, progress)?.0)
+}
+
+/// Maximum number of times that the target length is halved because triangles run through walls.
+const MAX_HALVINGS: i32 = 4;
+
+/// Maximum fraction of the triangles that may run through walls. Up to this, they are refined; else the whole surface gets shorter edges.
+const MAX_CROSSING: f64 = 0.02;
+
+/// Like [`remesh`], but also returns the target length, which is halved while many triangles run through walls.
+fn remesh_apart(
+    mesh: &Mesh,
+    length: f64,
+    angle: f64,
+    progress: &Progress<'_>,
+) -> Result<(Mesh, f64), Error> {
     if !(0.0 <= length && length.is_finite()) {
         bail!("`length` is {length} mm, but must be a number from 0 on");
     }
     if !(0.0..=180.0).contains(&angle) {
         bail!("`angle` is {angle}, but must be from 0 to 180 degrees");
     }
-    let length = self::length(mesh, length);
-    let count = count(mesh, length);
-    TRIANGLES.check(format_args!("a surface with edges of {length} mm"), count)?;
+    let mut length = self::length(mesh, length);
+    TRIANGLES.check(format_args!("a surface with edges of {length} mm"), count(mesh, length))?;
+    let (mut start, mut halvings) = (0.0, 0);
+    loop {
+        let end = start + 0.9 * (1.0 - start);
+        let (original, mut net) =
+            progress.part(start..end, |progress| even_net(mesh, length, angle, progress))?;
+        let is_last =
+            halvings == MAX_HALVINGS || (TRIANGLES.max as f64) < count(mesh, length / 2.0);
+        let max_crossing = if is_last { 1.0 } else { MAX_CROSSING };
+        if walls::refine(&mut net, &original, max_crossing, progress)? {
+            return Ok((original.into_mesh(&net)?, length));
+        }
+        (length, start, halvings) = (length / 2.0, end, halvings + 1);
+    }
+}
+
+/// Returns the surface with edges of `length` mm. Its triangles may run through thin walls.
+fn even_net<'a>(
+    mesh: &'a Mesh,
+    length: f64,
+    angle: f64,
+    progress: &Progress<'_>,
+) -> Result<(Original<'a>, Net), Error> {
     let (original, mut net) = Original::new(mesh, length, angle)?;
     // A mesh whose faces have no area cannot be remeshed, so its faces are kept.
-    let rounds = if count > 0.0 { ROUNDS } else { 0 };
+    let rounds = if area(mesh) > 0.0 { ROUNDS } else { 0 };
     for round in 0..rounds {
         fn share(part: f64, round: u32, rounds: u32) -> f64 {
             (f64::from(round) + part) / f64::from(rounds)
@@ -142,10 +186,7 @@ pub fn remesh(
         progress.tick(share(0.5, round, rounds))?;
         relax(&mut net, &original, progress)?;
     }
-    if rounds > 0 {
-        walls::refine(&mut net, &original, progress)?;
-    }
-    Ok(original.into_mesh(&net)?)
+    Ok((original, net))
 }
 
 /// Returns the target length of edges: `given`, or the mean length of the edges of `mesh` if `given` is 0.

@@ -6,7 +6,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use filter::Filter;
 use maquette_base::topology::flat_faces::FlatFaces;
 use maquette_base::topology::union_find::UnionFind;
-use maquette_node::{Carry, Context, Error, Estimate, In, Node, Progress, Promise, Transfer, bail};
+use maquette_node::{
+    Carry, Context, Error, Forecast, In, Node, Progress, Promise, Sizes, Transfer, bail,
+};
 use maquette_value::parallel::*;
 use maquette_value::{Edges, Faces, Mesh};
 use nalgebra::{Point3, Vector3};
@@ -51,10 +53,12 @@ impl Node for Smooth {
 
     const CARRIES: &'static [Carry] = &[Carry::uniform("mesh", "mesh", Transfer::Kept)];
 
-    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
-        let mesh = cx.get(&self.mesh);
-        let bytes = mesh.faces().corners().len() as f64 * BYTES;
-        Some(Estimate { bytes, help: "smooth fewer faces at a time" })
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let mesh = sizes.get(&self.mesh)?;
+        Some(
+            Forecast::by_law(mesh)
+                .with_memory(mesh.corners * BYTES, "smooth fewer faces at a time"),
+        )
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
@@ -88,7 +92,7 @@ const MAX_DEFAULT_RATIO: f64 = 0.15;
 /// Returns the default length for a mesh.
 fn default_length(mesh: &Mesh) -> f64 {
     let (points, edges) = (mesh.positions(), &mesh.edges().vertices);
-    let lengths = edges.iter().map(|&ends| edge_length(ends, points));
+    let lengths = edges.iter().until_stopped().map(|&ends| edge_length(ends, points));
     let length = DEFAULT_EDGE_LENGTHS * lengths.sum::<f64>() / edges.len().max(1) as f64;
     length.min(MAX_DEFAULT_RATIO * diagonal(mesh))
 }
@@ -165,10 +169,15 @@ pub fn smooth(
         let is_free: Vec<_> = on_curves.iter().map(|&count| count == 2).collect();
         progress.part(0.0..0.2, |progress| along.apply(&mut places, &is_free, length, progress))?;
     }
-    let (weights, masses) = stiffness(&net, &flat);
-    let surface = filter(weights, masses, &flat);
+    let visits = VISITS_PER_FACE * triangles.len();
+    let surface = progress.part(0.2..0.4, |progress| {
+        progress.metered(visits, || {
+            let (weights, masses) = stiffness(&net, &flat);
+            filter(weights, masses, &flat)
+        })
+    });
     let is_free: Vec<_> = on_curves.iter().map(|&count| count == 0).collect();
-    progress.part(0.2..1.0, |progress| surface.apply(&mut places, &is_free, length, progress))?;
+    progress.part(0.4..1.0, |progress| surface.apply(&mut places, &is_free, length, progress))?;
     for (vertex, supports) in flat.dependent() {
         let moves = supports.iter().map(|&(support, weight)| {
             (places[support as usize] - points[support as usize]) * weight
@@ -183,7 +192,8 @@ pub fn smooth(
 /// of their displacements, so that their faces keep an area. If one of them has not moved, none does.
 fn keep_apart(places: &mut [Point3<f64>], mesh: &Mesh, edges: &Edges) {
     let (points, limit) = (mesh.positions(), 10.0 * mesh.flat_height());
-    let short = edges.vertices.iter().filter(|&&ends| edge_length(ends, places) <= limit);
+    let short = edges.vertices.iter().until_stopped();
+    let short = short.filter(|&&ends| edge_length(ends, places) <= limit);
     let short: Vec<[u32; 2]> = short.copied().collect();
     if short.iter().all(|&ends| edge_length(ends, points) <= limit) {
         return;
@@ -225,6 +235,9 @@ fn filter(mut edges: Vec<([u32; 2], f64)>, mut masses: Vec<f64>, flat: &FlatFace
     }
     Filter::new(masses, &edges)
 }
+
+/// The number of times that loops visit the elements around each face before the solution; for progress.
+const VISITS_PER_FACE: usize = 45;
 
 /// Limit to which the cotangents of triangle angles are clamped; larger cotangents occur only in needles (very thin triangles), where they
 /// are meaningless.

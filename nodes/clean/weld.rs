@@ -1,7 +1,10 @@
 //! Joins vertices at the same place.
 
 use maquette_base::weld::{WeldedMesh, weld};
-use maquette_node::{Carry, Context, Error, Estimate, In, Node, Promise, Transfer};
+use maquette_node::{
+    Carry, Certainty, Context, Error, Forecast, In, Node, Promise, Sizes, Transfer, ValueSize,
+};
+use maquette_value::parallel::UntilStopped;
 use maquette_value::{Mesh, Trace, TraceStep};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -48,14 +51,19 @@ impl Node for Weld {
     const CARRIES: &'static [Carry] =
         &[Carry::uniform("mesh", "mesh", Transfer::Kept).excluding(&["uv", "color"])];
 
-    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
-        let bytes = cx.get(&self.mesh).faces().corners().len() as f64 * BYTES;
-        Some(Estimate { bytes, help: "weld fewer faces at a time" })
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let mesh = sizes.get(&self.mesh)?;
+        let forecast = Forecast::new([
+            Some(mesh.at_most(Certainty::Predicted)),
+            Some(ValueSize::items(1.0, 0.0)),
+        ]);
+        Some(forecast.with_memory(mesh.corners * BYTES, "weld fewer faces at a time"))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
-        let welded = weld(mesh, self.within)?;
+        let visits = VISITS_PER_FACE * mesh.faces().len();
+        let welded = cx.progress().metered(visits, || weld(mesh, self.within))?;
         let trace = trace(mesh, &welded)?;
         if trace.steps().iter().all(|step| step.iteration == 0) && welded.equal_faces == 0 {
             cx.warn(match self.within {
@@ -67,6 +75,9 @@ impl Node for Weld {
     }
 }
 
+/// The number of times that loops visit the elements around each face; for progress.
+const VISITS_PER_FACE: usize = 12;
+
 /// Memory in bytes for each corner of a face during the computation.
 const BYTES: f64 = 230.0;
 
@@ -74,7 +85,7 @@ const BYTES: f64 = 230.0;
 fn trace(mesh: &Mesh, welded: &WeldedMesh) -> Result<Trace, Error> {
     let joined = &welded.mesh;
     let gone = mesh.positions().len() - joined.positions().len();
-    let moves = mesh.positions().iter().zip(&welded.vertices);
+    let moves = mesh.positions().iter().zip(&welded.vertices).until_stopped();
     let (mut max, mut sum) = (0.0f64, 0.0);
     for distance in moves.map(|(point, &vertex): (&Point3<f64>, &u32)| {
         (joined.positions()[vertex as usize] - point).norm()

@@ -1,7 +1,11 @@
 //! Texture atlases: pictures in which each point of a mesh has its own texel.
 
+use std::ops::Range;
+
+use maquette_base::topology::lists::Lists;
 use maquette_node::{CancelledError, Error, Progress};
-use maquette_value::{Attribute, Image, Mesh, Rgb};
+use maquette_value::parallel::*;
+use maquette_value::{Attribute, Image, KeyChunks, Mesh, Rgb};
 use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -153,62 +157,59 @@ impl Texels {
         let uv = mesh.corner().pairs("uv").expect("texture coordinates");
         let size = [width as f64, height as f64];
         let triangles = mesh.triangle_corners();
-        fn corners(
-            triangle: &[u32; 3],
-            size: [f64; 2],
-            uv: &maquette_value::Column<[f64; 2]>,
-        ) -> [Vector2<f64>; 3] {
-            triangle.map(|it| {
-                Vector2::new(uv[it as usize][0] * size[0], (1.0 - uv[it as usize][1]) * size[1])
+        let corners: Vec<Triangle> = triangles
+            .par_iter()
+            .map(|triangle: &[u32; 3]| {
+                triangle
+                    .map(|it| uv[it as usize])
+                    .map(|[u, v]| Vector2::new(u * size[0], (1.0 - v) * size[1]))
             })
-        }
+            .collect();
+        // Each band of rows looks at its triangles in order.
+        let bands = Lists::group(height.div_ceil(BAND), || {
+            (0u32..).zip(&corners).flat_map(|(number, corners)| {
+                let rows = near_pixels(corners, 1, height);
+                let bands = rows.start / BAND..rows.end.max(rows.start).div_ceil(BAND);
+                bands.map(move |band| (band as u32, number))
+            })
+        });
         let mut nearest = vec![(NONE, f32::INFINITY); width * height];
-        let mut since = 0;
-        for (number, triangle) in (0u32..).zip(&triangles) {
-            let corners = corners(triangle, size, uv);
-            let [a, b, c] = corners;
-            fn range(
-                axis: usize,
-                most: usize,
-                a: Vector2<f64>,
-                b: Vector2<f64>,
-                c: Vector2<f64>,
-            ) -> std::ops::Range<usize> {
-                let low = a[axis].min(b[axis]).min(c[axis]) - MAX_TEXEL_DISTANCE - 0.5;
-                let high = a[axis].max(b[axis]).max(c[axis]) + MAX_TEXEL_DISTANCE - 0.5;
-                low.ceil().clamp(0.0, most as f64) as usize
-                    ..((high + 1.0).floor().clamp(0.0, most as f64) as usize)
-            }
-            let columns = range(0, width, a, b, c);
-            for row in range(1, height, a, b, c) {
-                since += columns.len();
-                for column in columns.clone() {
-                    let center = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
-                    let distance = (foot(corners, center).0 - center).norm();
-                    let pixel = &mut nearest[row * width + column];
-                    if distance <= MAX_TEXEL_DISTANCE && (distance as f32) < pixel.1 {
-                        *pixel = (number, distance as f32);
-                    }
+        let (corners, bands) = (&corners, &bands);
+        let drawn = nearest.par_chunks_mut(BAND * width).enumerate().map(|(band, pixels)| {
+            for (count, &number) in bands.list(band).iter().enumerate() {
+                if count.is_multiple_of(1000) {
+                    progress.check()?;
                 }
-                if since > 100_000 {
-                    since = 0;
-                    progress.tick(f64::from(number) / triangles.len() as f64)?;
-                }
+                draw(number, &corners[number as usize], pixels, width, band * BAND);
             }
-        }
-        let mut texels = Vec::new();
-        for (pixel, &(triangle, distance)) in nearest.iter().enumerate().filter(|it| it.1.0 != NONE)
-        {
-            let center = Vector2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
-            let shares = foot(corners(&triangles[triangle as usize], size, uv), center).1;
-            texels.push(Texel {
-                pixel: pixel as u32,
-                triangle,
-                shares: shares.map(|x| x as f32),
-                is_inside: distance == 0.0,
-            });
-        }
+            Ok(())
+        });
+        let _: Vec<()> = drawn.collect::<Result<_, CancelledError>>()?;
+        let pixels = nearest.par_iter().enumerate().with_min_len(4096);
+        let texels = pixels
+            .filter(|(_, nearest): &(usize, &(u32, f32))| nearest.0 != NONE)
+            .map(|(pixel, &(triangle, distance))| {
+                let center =
+                    Vector2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+                let shares = foot(corners[triangle as usize], center).1;
+                Texel {
+                    pixel: pixel as u32,
+                    triangle,
+                    shares: shares.map(|x| x as f32),
+                    is_inside: distance == 0.0,
+                }
+            })
+            .collect();
         Ok(Self { size: width, triangles, texels })
+    }
+
+    /// Distributes the texels to chunks of the mesh's vertices: those of the texels' triangles.
+    pub(crate) fn chunks(&self, mesh: &Mesh) -> KeyChunks {
+        let corners = mesh.faces().corners();
+        KeyChunks::new(mesh.positions().len(), self.texels.len(), |texel| {
+            let triangle = self.triangles[self.texels[texel].triangle as usize];
+            triangle.map(|corner| corners[corner as usize])
+        })
     }
 
     /// Makes a picture from the given colors, one for each texel. The space between charts gets the nearest colors, so that downscaled
@@ -239,24 +240,95 @@ impl Texels {
         let mut layer: Vec<_> = self.texels.iter().map(|texel| texel.pixel as usize).collect();
         while !layer.is_empty() {
             progress.check()?;
-            let mut next = Vec::new();
-            for pixel in layer.into_iter().flat_map(|pixel| neighborhood(pixel, size)) {
-                if !std::mem::replace(&mut is_listed[pixel], true) {
-                    next.push(pixel);
-                }
+            let listed = &is_listed;
+            let mut next: Vec<usize> = layer
+                .par_iter()
+                .with_min_len(4096)
+                .flat_map_iter(|&pixel| neighborhood(pixel, size).filter(|&pixel| !listed[pixel]))
+                .collect();
+            next.retain(|&pixel| !std::mem::replace(&mut is_listed[pixel], true));
+            let (known, known_pixels) = (&is_known, &pixels);
+            let colors: Vec<Rgb> = next
+                .par_iter()
+                .with_min_len(4096)
+                .map(|&pixel| {
+                    let (mut sum, mut count) = ([0u32; 3], 0);
+                    for other in neighborhood(pixel, size).filter(|&other| known[other]) {
+                        (0..3).for_each(|k| sum[k] += u32::from(known_pixels[other][k]));
+                        count += 1;
+                    }
+                    sum.map(|sum| ((sum + count / 2) / count) as u8)
+                })
+                .collect();
+            for (&pixel, color) in next.iter().zip(colors) {
+                pixels[pixel] = color;
+                is_known[pixel] = true;
             }
-            for &pixel in &next {
-                let (mut sum, mut count) = ([0u32; 3], 0);
-                for other in neighborhood(pixel, size).filter(|&other| is_known[other]) {
-                    (0..3).for_each(|k| sum[k] += u32::from(pixels[other][k]));
-                    count += 1;
-                }
-                pixels[pixel] = sum.map(|sum| ((sum + count / 2) / count) as u8);
-            }
-            next.iter().for_each(|&pixel| is_known[pixel] = true);
             layer = next;
         }
         Ok(Image::new(size, size, pixels).expect("a color for each pixel"))
+    }
+}
+
+/// The corners of a triangle in the picture, in pixels.
+type Triangle = [Vector2<f64>; 3];
+
+/// The number of rows of the picture that one parallel task fills.
+const BAND: usize = 16;
+
+/// Returns the pixels along an axis, below `end`, whose centers may be near a triangle.
+fn near_pixels(triangle: &Triangle, axis: usize, end: usize) -> Range<usize> {
+    let [a, b, c] = triangle;
+    let low = a[axis].min(b[axis]).min(c[axis]) - MAX_TEXEL_DISTANCE - 0.5;
+    let high = a[axis].max(b[axis]).max(c[axis]) + MAX_TEXEL_DISTANCE - 0.5;
+    low.ceil().clamp(0.0, end as f64) as usize
+        ..((high + 1.0).floor().clamp(0.0, end as f64) as usize)
+}
+
+/// Enters a triangle in those pixels of some rows to which it is nearer than all earlier triangles. `pixels` has the nearest triangle of
+/// each pixel, and its distance, from the row `first` on.
+fn draw(number: u32, triangle: &Triangle, pixels: &mut [(u32, f32)], width: usize, first: usize) {
+    let rows = near_pixels(triangle, 1, first + pixels.len() / width);
+    let columns = near_pixels(triangle, 0, width);
+    let sides = Sides::new(triangle);
+    for row in rows.start.max(first)..rows.end {
+        for column in columns.clone() {
+            let center = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
+            if sides.are_far_from(center) {
+                continue;
+            }
+            let distance = (foot(*triangle, center).0 - center).norm();
+            let pixel = &mut pixels[(row - first) * width + column];
+            if distance <= MAX_TEXEL_DISTANCE && (distance as f32) < pixel.1 {
+                *pixel = (number, distance as f32);
+            }
+        }
+    }
+}
+
+/// Twice the area of a triangle, in pixels, above which rounding does not change its orientation.
+const MIN_CERTAIN_AREA: f64 = 1e-3;
+
+/// The lines through the sides of a triangle: for each side a point, and the outward unit normal; 0 if the triangle has hardly any area.
+struct Sides([(Vector2<f64>, Vector2<f64>); 3]);
+
+impl Sides {
+    fn new([a, b, c]: &Triangle) -> Self {
+        let twice = (b - a).perp(&(c - a));
+        Self([(a, b), (b, c), (c, a)].map(|(from, to)| {
+            let side = if twice > 0.0 { to - from } else { from - to };
+            let outward = if twice.abs() < MIN_CERTAIN_AREA {
+                Vector2::zeros()
+            } else {
+                Vector2::new(side.y, -side.x)
+            };
+            (*from, outward.try_normalize(0.0).unwrap_or_default())
+        }))
+    }
+
+    /// Returns true if a point is so far beyond one of the lines that the triangle cannot be near it; the tolerance exceeds all rounding.
+    fn are_far_from(&self, at: Vector2<f64>) -> bool {
+        self.0.iter().any(|(from, outward)| (at - from).dot(outward) > MAX_TEXEL_DISTANCE + 0.01)
     }
 }
 

@@ -9,6 +9,7 @@ use maquette_mesh::Poses;
 use maquette_node::{
     Carry, Context, Error, Estimate, FieldError, In, Limit, Node, Progress, Promise, Transfer, bail,
 };
+use maquette_value::parallel::*;
 use maquette_value::{Image, Mask, Mesh, Rgb, Value};
 use nalgebra::Matrix4;
 use sample::{MeanColor, Sample, weighted_mean};
@@ -169,7 +170,9 @@ pub fn bake(
             captures.len()
         );
     }
-    let of_texels = Lists::group(spots.len(), || samples.iter().map(|it| it.texel).zip(0..));
+    let of_texels = Lists::group_all(spots.len(), samples.len(), |sample| {
+        std::iter::once((samples[sample].texel, sample as u32))
+    });
     progress.tick(0.6)?;
     let membrane = Membrane::new(mesh);
     let plan = Leveling {
@@ -177,18 +180,22 @@ pub fn bake(
         corners: mesh.faces().corners(),
         membrane: &membrane,
         of_texels: &of_texels,
+        chunks: &texels.chunks(mesh),
     };
     let before = plan.difference(&samples);
     progress
         .part(0.6..0.8, |progress| plan.level(&mut samples, captures.len(), how.level, progress))?;
     let steps = [before, plan.difference(&samples)];
-    let mixed: Vec<_> = (0..spots.len())
+    let mixed: Vec<MeanColor> = (0..spots.len())
+        .into_par_iter()
+        .with_min_len(4096)
         .map(|texel| weighted_mean(of_texels.list(texel).iter().map(|&it| &samples[it as usize])))
         .collect();
     let filled = progress.part(0.8..0.95, |progress| plan.fill(&mixed, progress))?;
     let colors: Vec<_> = mixed
-        .iter()
+        .par_iter()
         .zip(&filled)
+        .with_min_len(4096)
         .map(|(seen, filled): (&MeanColor, &[f64; 3])| -> Rgb {
             color_of([0, 1, 2].map(|k| seen.sure * seen.light[k] + (1.0 - seen.sure) * filled[k]))
         })

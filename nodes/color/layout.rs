@@ -8,13 +8,16 @@ use maquette_value::{Attribute, Mesh};
 use nalgebra::Vector3;
 use pack::{Piece, pack};
 use schemars::JsonSchema;
-use segment::{NONE, faces_of_corners, opposites, segment};
+use segment::segment;
 use serde::{Deserialize, Serialize};
+use sides::{NONE, faces_of_corners, opposites};
 
 mod chart;
+mod clusters;
 mod overlaps;
 mod pack;
 mod segment;
+mod sides;
 #[cfg(test)]
 mod tests;
 
@@ -119,14 +122,11 @@ pub fn lay_out(mesh: &Mesh, layout: &Layout, progress: &Progress<'_>) -> Result<
     check(mesh)?;
     let surface = Surface { mesh, opposites: opposites(mesh), of_corner: faces_of_corners(mesh) };
     let flatness = libm::cos(layout.bend.to_radians());
-    let segments = progress
-        .part(0.0..0.5, |progress| segment(mesh, &surface.opposites, flatness, progress))?;
+    let segments = progress.part(0.0..0.5, |progress| {
+        segment(mesh, &surface.opposites, &surface.of_corner, flatness, progress)
+    })?;
     progress.tick(0.5)?;
-    let charts = segments
-        .par_iter()
-        .map(|faces| surface.settle(faces.clone(), progress))
-        .collect::<Result<Vec<_>, CancelledError>>()?;
-    let charts: Vec<_> = charts.into_iter().flatten().collect();
+    let charts = surface.settle(segments, progress)?;
     progress.tick(0.8)?;
     let pieces: Vec<_> = charts
         .iter()
@@ -198,34 +198,56 @@ const STEEP: f64 = 0.2;
 /// Number of rings of faces around a fold that are cut out of the chart together with the fold.
 const RINGS: usize = 3;
 
+/// Connected faces on their way to a chart.
+enum State {
+    /// Faces that are not flattened yet.
+    Open(Vec<u32>),
+    Done(Box<Chart>),
+}
+
 impl Surface<'_> {
-    /// Makes charts of some connected faces, and cuts the charts until each can be flattened without a fold.
+    /// Makes charts of sets of connected faces, and cuts the charts until each can be flattened without a fold.
     fn settle(
+        &self,
+        segments: Vec<Vec<u32>>,
+        progress: &Progress<'_>,
+    ) -> Result<Vec<Chart>, CancelledError> {
+        let mut all: Vec<_> = segments.into_iter().map(State::Open).collect();
+        while all.iter().any(|state| matches!(state, State::Open(_))) {
+            let states = all.into_par_iter().map(|state| match state {
+                State::Open(faces) => self.flatten(faces, progress),
+                State::Done(chart) => Ok(vec![State::Done(chart)]),
+            });
+            let states: Vec<_> = states.collect::<Result<_, CancelledError>>()?;
+            all = states.into_iter().flatten().collect();
+        }
+        let charts = all.into_iter().filter_map(|state| match state {
+            State::Open(_) => None,
+            State::Done(chart) => Some(*chart),
+        });
+        Ok(charts.collect())
+    }
+
+    /// Makes a chart of connected faces, or cuts them into parts if they cannot be flattened without a fold.
+    fn flatten(
         &self,
         faces: Vec<u32>,
         progress: &Progress<'_>,
-    ) -> Result<Vec<Chart>, CancelledError> {
-        let (mut open, mut done) = (vec![faces], Vec::new());
-        while let Some(faces) = open.pop() {
-            progress.check()?;
-            let mut chart = Chart::new(self.mesh, &self.opposites, &self.of_corner, faces);
-
-            let relaxed = (!self.is_plane(&chart.faces)).then(|| chart.relax()).flatten();
-            if let Some(flat) =
-                relaxed.filter(|flat| overlaps::are_free_of_overlaps(&chart.triangles, flat))
-            {
-                chart.flat = flat;
-                done.push(chart);
-            } else if chart.faces.len() == 1
-                || overlaps::are_free_of_overlaps(&chart.triangles, &chart.flat)
-                    && !self.look_away(&chart.faces).contains(&true)
-            {
-                done.push(chart);
-            } else {
-                open.extend(self.cut(&chart));
-            }
+    ) -> Result<Vec<State>, CancelledError> {
+        progress.check()?;
+        let mut chart = Chart::new(self.mesh, &self.opposites, &self.of_corner, faces);
+        let relaxed = (!self.is_plane(&chart.faces)).then(|| chart.relax()).flatten();
+        if let Some(flat) =
+            relaxed.filter(|flat| overlaps::are_free_of_overlaps(&chart.triangles, flat))
+        {
+            chart.flat = flat;
+        } else if chart.faces.len() > 1
+            && (!overlaps::are_free_of_overlaps(&chart.triangles, &chart.flat)
+                || self.look_away(&chart.faces).contains(&true))
+        {
+            return Ok(self.cut(&chart).into_iter().rev().map(State::Open).collect());
         }
-        Ok(done)
+        Ok(vec![State::Done(Box::new(chart))])
     }
 
     fn sum(&self, faces: &[u32]) -> Vector3<f64> {

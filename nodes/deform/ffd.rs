@@ -1,7 +1,9 @@
 //! The node that deforms objects by handles, with rational Gaussian functions.
 
 use maquette_mesh::Movable;
-use maquette_node::{Carry, Context, Error, Estimate, FieldError, In, Node, Promise, Transfer};
+use maquette_node::{
+    Carry, Context, Error, Estimate, FieldError, Forecast, In, Node, Promise, Sizes, Transfer,
+};
 use maquette_value::{Handle, HandleSpace, Handles};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -103,6 +105,10 @@ impl Node for Ffd {
         let points = points(&cx.get(&self.mesh)).len() as f64;
         let bytes = handles * handles * 16.0 + points * 150.0;
         Some(Estimate { bytes, help: "use fewer handles" })
+    }
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        Some(Forecast::by_law(sizes.get(&self.mesh)?))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {

@@ -1,7 +1,7 @@
 //! Rational Gaussian surfaces.
 
 use maquette_base::limits::VERTICES;
-use maquette_node::{Context, Error, Estimate, Node, Promise, bail};
+use maquette_node::{Context, Error, Forecast, Node, Promise, Sizes, ValueSize, bail};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -75,9 +75,11 @@ impl Node for GaussianSurface {
         Promise::never_has("mesh", "Triangles"),
     ];
 
-    fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
+    fn forecast(&self, _: &Sizes<'_>) -> Option<Forecast> {
+        let (vertices, quads) = (vertices([self.u, self.v]), self.u as f64 * self.v as f64);
+        let mesh = ValueSize::mesh(vertices, quads, 4.0 * quads).with_more_bytes(24.0 * vertices);
         let solved = if self.through { square(self.points.len()) * 16.0 } else { 0.0 };
-        Some(Estimate { bytes: vertices([self.u, self.v]) * 220.0 + solved, help: VERTICES.help })
+        Some(Forecast::by_law(mesh).with_memory(vertices * 220.0 + solved, VERTICES.help))
     }
 
     fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {

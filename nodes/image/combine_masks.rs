@@ -1,6 +1,6 @@
 //! Combines two masks pixel by pixel.
 
-use maquette_node::{Context, Error, In, Node, bail};
+use maquette_node::{Context, Error, Forecast, In, Node, Sizes, bail};
 use maquette_value::Mask;
 use maquette_value::parallel::*;
 use schemars::JsonSchema;
@@ -35,6 +35,10 @@ pub enum CombineMode {
 impl Node for CombineMasks {
     type Outputs = (Mask,);
     const OUTPUTS: [&'static str; 1] = ["mask"];
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        Some(Forecast::by_law(sizes.get(&self.a)?))
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((combine_masks(cx.get(&self.a), cx.get(&self.b), self.mode)?,))

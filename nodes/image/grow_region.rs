@@ -4,6 +4,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use maquette_node::{Context, Error, In, Node};
+use maquette_value::parallel::StopFlag;
 use maquette_value::{Image, Lab, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -87,7 +88,9 @@ pub fn grow_region(
     let seeds: Vec<usize> = seeds.filter(|&seed| may_grow(seed)).collect();
     seeds.iter().for_each(|&seed| region.join(seed));
     seeds.iter().for_each(|&seed| region.reach_from(seed, &may_grow));
+    let stop = StopFlag::current();
     while let Some(Reverse((_, index))) = region.waiting.pop() {
+        stop.check();
         if !region.inside[index] && region.distance_sq(index) <= distance * distance {
             region.join(index);
             region.reach_from(index, &may_grow);

@@ -1,7 +1,7 @@
 //! Reads masks painted with another program.
 
 use maquette_format::picture_file;
-use maquette_node::{Context, Error, FilePath, In, Node};
+use maquette_node::{Context, Error, FilePath, Forecast, In, Node, Sizes, ValueSize};
 use maquette_value::{Color, Image, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -52,6 +52,11 @@ fn default_distance() -> f64 {
 impl Node for PaintedMask {
     type Outputs = (Mask,);
     const OUTPUTS: [&'static str; 1] = ["mask"];
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let pixels = sizes.get(&self.image)?;
+        Some(Forecast::by_law(ValueSize::items(pixels.points, 1.0).at_most(pixels.certainty)))
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (painted, opaque) = picture_file::read_with_opacity(cx.file(&self.path)?.bytes())?;

@@ -1,7 +1,7 @@
 //! Reads a picture from a file.
 
 use maquette_format::picture_file;
-use maquette_node::{Context, Error, FilePath, Node};
+use maquette_node::{Context, Error, FilePath, Forecast, Node, Sizes};
 use maquette_value::Image;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -22,6 +22,10 @@ pub struct ReadImage {
 impl Node for ReadImage {
     type Outputs = (Image,);
     const OUTPUTS: [&'static str; 1] = ["image"];
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        Some(Forecast::new([sizes.file::<Image>(&self.path)]))
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let bytes = cx.file(&self.path)?.bytes();

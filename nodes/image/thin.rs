@@ -4,6 +4,7 @@
 //! clockwise, beginning above it. In a neighborhood (`u8`), bit k is set if neighbor k is inside the mask.
 
 use maquette_node::{Context, Error, In, Node, bail};
+use maquette_value::parallel::*;
 use maquette_value::{Field, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -101,7 +102,7 @@ impl Canvas {
     }
 
     fn inside_pixels(&self) -> impl Iterator<Item = usize> {
-        (0..self.pixels.len()).filter(|&index| self.pixels[index] == 1)
+        (0..self.pixels.len()).until_stopped().filter(|&index| self.pixels[index] == 1)
     }
 
     fn neighbors(&self, index: usize) -> [usize; 8] {
@@ -123,9 +124,9 @@ impl Canvas {
         let border = self.inside_pixels().filter(|&index| self.is_on_border(index));
         let mut border: Vec<(u32, usize)> = border.map(|index| (keys[index], index)).collect();
         while !border.is_empty() {
-            border.sort_unstable();
+            border.par_sort_unstable();
             let mut touched = Vec::new();
-            for &(_, index) in &border {
+            for &(_, index) in border.iter().until_stopped() {
                 if CAN_GO[usize::from(self.neighborhood(index))] {
                     self.pixels[index] = 0;
                     touched.extend(self.neighbors(index));
@@ -134,7 +135,7 @@ impl Canvas {
             border.clear();
             // Only pixels near removed ones can be in the next layer. The others have been tried, and their neighborhoods have not changed
             // since.
-            for &index in &touched {
+            for &index in touched.iter().until_stopped() {
                 if self.pixels[index] == 1 && !listed[index] && self.is_on_border(index) {
                     listed[index] = true;
                     border.push((keys[index], index));
@@ -157,6 +158,7 @@ impl Canvas {
             for table in &tables {
                 let (removed, kept): (Vec<_>, _) = inside
                     .into_iter()
+                    .until_stopped()
                     .partition(|index| table[usize::from(self.neighborhood(*index))]);
                 removed.into_iter().for_each(|index| self.pixels[index] = 0);
                 inside = kept;
@@ -172,7 +174,7 @@ impl Canvas {
         // The first pass compares each pixel with the neighbors before it (left and above), the second pass with those after it.
         for (backwards, earlier) in [(false, [6, 7, 0, 1]), (true, [2, 3, 4, 5])] {
             let count = distances.len();
-            for step_index in 0..count {
+            for step_index in (0..count).until_stopped() {
                 let index = if backwards { count - 1 - step_index } else { step_index };
                 if self.pixels[index] == 1 {
                     let neighbors = self.neighbors(index);

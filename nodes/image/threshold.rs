@@ -1,6 +1,6 @@
 //! Selects pixels of a picture by a color, by a box of colors, or by Otsu's method.
 
-use maquette_node::{Context, Error, In, Node};
+use maquette_node::{Context, Error, Forecast, In, Node, Sizes, ValueSize};
 use maquette_value::{Color, Image, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -30,6 +30,11 @@ pub struct Threshold {
 impl Node for Threshold {
     type Outputs = (Mask,);
     const OUTPUTS: [&'static str; 1] = ["mask"];
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let pixels = sizes.get(&self.image)?;
+        Some(Forecast::by_law(ValueSize::items(pixels.points, 1.0).at_most(pixels.certainty)))
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let image = cx.get(&self.image);

@@ -3,9 +3,10 @@
 use std::collections::BTreeSet;
 
 use maquette_node::{
-    Carry, Context, Error, Estimate, In, Limit, Node, Previous, Promise, Transfer,
+    Carry, Context, Error, Forecast, In, Limit, Node, Previous, Promise, Sizes, Transfer, ValueSize,
 };
 use maquette_value::Value;
+use maquette_value::parallel::*;
 use maquette_value::{Attribute, Attributes, CaptureFrame, Faces, Mesh, MeshError};
 use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
@@ -46,9 +47,10 @@ impl Node for Merge {
 
     const CARRIES: &'static [Carry] = &[Carry::uniform("meshes", "mesh", Transfer::Kept)];
 
-    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
-        let sizes = self.meshes.iter().map(|mesh| cx.get(mesh).size() as f64);
-        Some(Estimate { bytes: 3.0 * sizes.sum::<f64>(), help: BYTES.help })
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let meshes: Option<Vec<_>> = self.meshes.iter().map(|mesh| sizes.get(mesh)).collect();
+        let merged = meshes?.into_iter().reduce(ValueSize::plus)?;
+        Some(Forecast::by_law(merged).with_memory(3.0 * merged.bytes, BYTES.help))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
@@ -261,7 +263,7 @@ fn faces(parts: &[Mesh]) -> Result<Faces, MeshError> {
     let corners = parts.iter().map(|part| part.faces().corners().len()).sum();
     let mut all = Vec::with_capacity(corners);
     for (part, offset) in parts.iter().zip(offsets(parts)) {
-        all.extend(part.faces().corners().iter().map(|&vertex| vertex + offset));
+        part.faces().corners().par_iter().map(|&vertex| vertex + offset).collect_into(&mut all);
     }
     // Meshes without faces are skipped: they have no number of sides that could differ.
     let mut sides = parts.iter().filter(|part| !part.faces().is_empty()).map(|p| p.faces().sides());

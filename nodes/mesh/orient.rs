@@ -57,7 +57,9 @@ impl Node for Orient {
         if mesh.faces().is_empty() {
             cx.warn("there are no faces that could be oriented");
         }
-        let OrientedMesh { mesh, undecided, crowded } = orient(mesh, self.outside)?;
+        let OrientedMesh { mesh, undecided, crowded } = cx
+            .progress()
+            .metered(VISITS_PER_FACE * mesh.faces().len(), || orient(mesh, self.outside))?;
         if undecided > 0 {
             let parts = match undecided {
                 1 => "part is flat or bulges to neither side, and stays as it is",
@@ -74,6 +76,9 @@ impl Node for Orient {
         Ok((mesh,))
     }
 }
+
+/// The number of times that loops visit the elements around each face; for progress.
+const VISITS_PER_FACE: usize = 40;
 
 /// An oriented mesh, and the numbers of parts and edges that could not be handled.
 pub struct OrientedMesh {

@@ -3,7 +3,8 @@
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use maquette_node::{Context, Error, Node, Promise, bail};
+use maquette_node::{Context, Error, Forecast, Node, Promise, Sizes, ValueSize, bail};
+use maquette_value::parallel::*;
 use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 use schemars::{JsonSchema, json_schema};
@@ -84,10 +85,36 @@ impl Node for Primitive {
         Promise::always("mesh", "NonEmpty"),
     ];
 
-    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((primitive(self.shape, self.center.into())?,))
+    fn forecast(&self, _: &Sizes<'_>) -> Option<Forecast> {
+        let mesh = match self.shape {
+            Shape::Box { .. } => ValueSize::mesh(8.0, 6.0, 24.0),
+            Shape::Cylinder { sides, .. } => {
+                let sides = f64::from(sides);
+                ValueSize::mesh(2.0 * sides, sides + 2.0, 6.0 * sides)
+            }
+            // Each of the six sides of a cube is a grid of a quarter of the quads around.
+            Shape::Sphere { sides, .. } => {
+                let quads = 6.0 * f64::from(sides / 4) * f64::from(sides / 4);
+                ValueSize::mesh(quads + 2.0, quads, 4.0 * quads)
+            }
+        };
+        Some(Forecast::by_law(mesh))
+    }
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let visits = match self.shape {
+            Shape::Sphere { sides, .. } => {
+                (sides as usize / 4).saturating_pow(2).saturating_mul(SPHERE_VISITS)
+            }
+            Shape::Box { .. } | Shape::Cylinder { .. } => 0,
+        };
+        let make = || primitive(self.shape, self.center.into());
+        Ok((cx.progress().metered(visits, make)?,))
     }
 }
+
+/// The number of times that loops visit quads and vertices of a sphere, per quad of a sixth of it; for progress.
+const SPHERE_VISITS: usize = 12;
 
 /// Makes a simple solid with the given center, in mm.
 ///
@@ -137,7 +164,7 @@ pub fn primitive(shape: Shape, center: Point3<f64>) -> Result<Mesh, Error> {
             }
             (
                 corners
-                    .iter()
+                    .par_iter()
                     .map(|corner| {
                         Vector3::from(corner.map(|k| libm::tan(angle(k, steps)))).normalize()
                             * radius
@@ -157,7 +184,8 @@ fn cube(steps: u32) -> (Vec<[u32; 3]>, Faces) {
     let mut faces = Vec::with_capacity(24 * (steps * steps) as usize);
     for axis in 0..3 {
         for end in [0, steps] {
-            for [i, j] in (0..steps * steps).map(|k| [k % steps, k / steps]) {
+            let quads = (0..steps * steps).until_stopped();
+            for [i, j] in quads.map(|k| [k % steps, k / steps]) {
                 let mut quad = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]];
                 if end == 0 {
                     quad.reverse();

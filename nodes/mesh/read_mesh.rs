@@ -1,7 +1,9 @@
 //! Reads a mesh from a file.
 
 use maquette_base::unit::Unit;
-use maquette_node::{ColorRange, Context, Error, FilePath, InputFile, NoReader, Node};
+use maquette_node::{
+    ColorRange, Context, Error, FilePath, Forecast, InputFile, NoReader, Node, Sizes,
+};
 use maquette_value::parallel::*;
 use maquette_value::{Mesh, MeshError};
 use schemars::JsonSchema;
@@ -33,6 +35,12 @@ pub struct ReadMesh {
 impl Node for ReadMesh {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let mesh = sizes.file::<Mesh>(&self.path)?;
+        let help = "simplify the mesh before it is read";
+        Some(Forecast::new([Some(mesh)]).with_memory(2.0 * mesh.bytes, help))
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.read_with_colors(&self.path, self.colors)?;

@@ -1,7 +1,7 @@
 //! Reads points from a file.
 
 use maquette_base::unit::Unit;
-use maquette_node::{Blocks, ColorRange, Context, Error, FilePath, Node};
+use maquette_node::{Blocks, ColorRange, Context, Error, FilePath, Forecast, Node, Sizes};
 use maquette_value::Points;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -30,6 +30,12 @@ impl Node for ReadPoints {
     type Outputs = (Points,);
     const OUTPUTS: [&'static str; 1] = ["points"];
     const BLOCKS: Blocks = Blocks::Each;
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let points = sizes.file::<Points>(&self.path)?;
+        let help = "crop or thin the points before they are read";
+        Some(Forecast::new([Some(points)]).with_memory(2.0 * points.bytes, help))
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((in_millimeters(cx.read_with_colors(&self.path, self.colors)?, self.unit)?,))

@@ -5,7 +5,8 @@ use cloud::Cloud;
 use contour::contour;
 use maquette_base::scattered::Scattered;
 use maquette_node::{
-    Carry, Context, Error, Estimate, In, Limit, Node, Progress, Promise, Transfer, bail,
+    Carry, Certainty, Context, Error, Estimate, Forecast, In, Limit, Node, Progress, Promise,
+    Sizes, Transfer, ValueSize, bail,
 };
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, CaptureFrame, Mesh};
@@ -125,9 +126,17 @@ impl Node for Reconstruct {
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let points = self.points.iter().map(|points| valid(&cx.get(points))).sum::<usize>() as f64;
-        // The constant term is for the coarse grids, which fill the whole cube. Finer grids cover only the points and unscanned regions
-        // between them.
-        Some(Estimate { bytes: 1e7 + points * 3000.0, help: poisson::NODES.help })
+        Some(Estimate { bytes: memory(points), help: poisson::NODES.help })
+    }
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let points: Option<Vec<_>> = self.points.iter().map(|points| sizes.get(points)).collect();
+        let points = points?.into_iter().reduce(ValueSize::plus)?;
+        // Where edges are as long as the points are apart, there is about a vertex for each point.
+        let skin = ValueSize::mesh(points.points, 2.0 * points.points, 6.0 * points.points);
+        let skin = skin.at_most(Certainty::Guess);
+        let bytes = memory(points.points);
+        Some(Forecast::by_law(skin).with_memory(bytes, poisson::NODES.help))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
@@ -144,6 +153,14 @@ impl Node for Reconstruct {
         result.warnings.into_iter().for_each(|warning| cx.warn(warning));
         Ok((result.mesh,))
     }
+}
+
+/// Returns an upper bound of the memory in bytes that the reconstruction of some points takes.
+///
+/// The constant term is for the coarse grids, which fill the whole cube. Finer grids cover only the points and unscanned regions between
+/// them.
+fn memory(points: f64) -> f64 {
+    1e7 + points * 3000.0
 }
 
 /// Parameters of the reconstruction; see [`Reconstruct`].

@@ -1,6 +1,8 @@
 //! Moves, rotates and scales.
 
-use maquette_node::{Carry, Context, Error, In, Node, Previous, Promise, Transfer};
+use maquette_node::{
+    Carry, Context, Error, Forecast, In, Node, Previous, Promise, Sizes, Transfer,
+};
 use maquette_value::{Attribute, ControlNet, ControlNetError, Mesh, Points, PointsError};
 use schemars::{JsonSchema, json_schema};
 use serde::{Deserialize, Serialize};
@@ -52,6 +54,10 @@ impl Node for Transform {
 
     const CARRIES: &'static [Carry] =
         &[Carry::uniform("mesh", "mesh", Transfer::Kept).and_cells(Transfer::Kept)];
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        Some(Forecast::by_law(sizes.get(&self.mesh)?))
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let moved = transform(&cx.get(&self.mesh), &self.motion()?)?;

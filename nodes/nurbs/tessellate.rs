@@ -1,7 +1,10 @@
 //! Tessellates a surface.
 
 use maquette_base::limits::VERTICES;
-use maquette_node::{Context, Error, Estimate, FieldError, In, Node, Promise, bail};
+use maquette_node::{
+    Certainty, Context, Error, Estimate, FieldError, Forecast, In, Node, Promise, Sizes, ValueSize,
+    bail,
+};
 use maquette_value::{Mesh, Surface};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -58,6 +61,22 @@ impl Node for Tessellate {
         let bytes = if cx.get(&self.surface).has_joints() { 280.0 } else { 110.0 };
         let estimate = Estimate { bytes: vertices * bytes, help: VERTICES.help };
         (self.tolerance == 0.0).then_some(estimate)
+    }
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let net = sizes.get(&self.surface).map(|net| net.points);
+        if self.tolerance != 0.0 {
+            return None;
+        }
+        // An omitted number of quads is that of the control points, of which a net has about as many along u as along v.
+        let quads = |given: usize| if given == 0 { net.map(f64::sqrt) } else { Some(given as f64) };
+        let (u, v) = (quads(self.u)?, quads(self.v)?);
+        let vertices = (u + 1.0) * (v + 1.0);
+        let is_given = self.u > 0 && self.v > 0;
+        let certainty = if is_given { Certainty::Predicted } else { Certainty::Guess };
+        let mesh = ValueSize::mesh(vertices, u * v, 4.0 * u * v).with_more_bytes(40.0 * vertices);
+        let memory = 110.0 * vertices;
+        Some(Forecast::by_law(mesh.at_most(certainty)).with_memory(memory, VERTICES.help))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {

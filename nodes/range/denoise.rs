@@ -1,6 +1,8 @@
 //! Smooths the depth of a range image, except at depth edges.
 
-use maquette_node::{CancelledError, Carry, Context, Error, In, Node, Progress, Transfer};
+use maquette_node::{
+    CancelledError, Carry, Context, Error, Forecast, In, Node, Progress, Sizes, Transfer,
+};
 use maquette_value::RangeImage;
 use maquette_value::parallel::*;
 use nalgebra::Point3;
@@ -56,6 +58,10 @@ impl Node for Denoise {
     const OUTPUTS: [&'static str; 1] = ["range"];
 
     const CARRIES: &'static [Carry] = &[Carry::cells("range", "range", Transfer::Kept)];
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        Some(Forecast::by_law(sizes.get(&self.range)?))
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((denoise(cx.get(&self.range), self.how, cx.progress())?,))

@@ -1,6 +1,6 @@
 //! Fills shadows of scans: cells without a point that the scan surrounds.
 
-use maquette_node::{Carry, Context, Error, In, Node, Progress, Transfer};
+use maquette_node::{Carry, Context, Error, Forecast, In, Node, Progress, Sizes, Transfer};
 use maquette_value::RangeImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -41,6 +41,10 @@ impl Node for FillRange {
 
     const CARRIES: &'static [Carry] =
         &[Carry::cells("range", "range", Transfer::Kept).excluding(&["filled", "joined"])];
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        Some(Forecast::by_law(sizes.get(&self.range)?))
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let largest = self.largest as usize;

@@ -4,7 +4,7 @@ use maquette_base::unit::Unit;
 use maquette_format::camera::CameraFile;
 use maquette_format::exif;
 use maquette_format::picture_file;
-use maquette_node::{Context, Error, FilePath, Node, bail};
+use maquette_node::{Context, Error, FilePath, Forecast, Node, Sizes, bail};
 use maquette_value::{Image, RangeImage, Registration};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -41,6 +41,12 @@ impl Node for ReadCapture {
 
     fn files(&self) -> Vec<FilePath> {
         self.camera_source().files()
+    }
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let (color, range) =
+            (sizes.file::<Image>(&self.color), sizes.file::<RangeImage>(&self.range));
+        Some(Forecast::new([color, range]))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {

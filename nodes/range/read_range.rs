@@ -3,7 +3,7 @@
 use maquette_base::unit::Unit;
 use maquette_format::camera::CameraFile;
 use maquette_format::ptx;
-use maquette_node::{Context, Error, FilePath, Node};
+use maquette_node::{Context, Error, FilePath, Forecast, Node, Sizes, ValueSize};
 use maquette_value::{Image, RangeImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -44,6 +44,12 @@ impl Node for ReadRange {
 
     fn files(&self) -> Vec<FilePath> {
         self.camera_source().files()
+    }
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let range = sizes.file::<RangeImage>(&self.path);
+        let color = range.map(|range| ValueSize::items(range.points, 3.0).at_most(range.certainty));
+        Some(Forecast::new([range, color]))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {

@@ -2,7 +2,10 @@
 //!
 //! The node does not implement `update`: a single moved point changes the median spacing, which affects every triangle.
 
-use maquette_node::{Carry, Context, Error, Estimate, In, Node, Promise, Transfer};
+use maquette_node::{
+    Carry, Certainty, Context, Error, Estimate, Forecast, In, Node, Promise, Sizes, Transfer,
+    ValueSize,
+};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Faces, Mesh, RangeImage};
 use nalgebra::Point3;
@@ -71,22 +74,43 @@ impl Node for Triangulate {
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let points = cx.get(&self.range).points();
         let valid = points.iter().filter(|point| point.x.is_finite()).count() as f64;
-        let bytes = points.len() as f64 * 8.0 + valid * 130.0;
-        Some(Estimate { bytes, help: "use a smaller part of the scan (`ExtractRegion`)" })
+        Some(Estimate { bytes: memory(points.len() as f64, valid), help: SMALLER })
+    }
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        // Most cells have a point and are joined to two triangles with it. How many are empty is not known before the grid is read.
+        let cells = sizes.get(&self.range)?.points;
+        let mesh = ValueSize::mesh(cells, 2.0 * cells, 6.0 * cells).with_more_bytes(16.0 * cells);
+        let forecast = Forecast::by_law(mesh.at_most(Certainty::Guess));
+        Some(forecast.with_memory(memory(cells, cells), SMALLER))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let mesh = triangulate(cx.get(&self.range), self.jump, self.grazing, self.smooth_border)?;
+        let range = cx.get(&self.range);
+        let mesh = cx.progress().metered(VISITS_PER_CELL * range.points().len(), || {
+            triangulate(range, self.jump, self.grazing, self.smooth_border)
+        })?;
         if mesh.faces().is_empty() {
             cx.warn(
                 "no triangle is left: increase `jump` or `grazing`, or check the range image for holes",
             );
         }
-        if let Some(terraces) = Terraces::new(cx.get(&self.range)) {
+        if let Some(terraces) = Terraces::new(range) {
             cx.warn(terraces.warning());
         }
         Ok((mesh,))
     }
+}
+
+/// The number of times that loops visit each cell or triangle, per cell; for progress.
+const VISITS_PER_CELL: usize = 13;
+
+/// The help text if the node needs too much memory.
+const SMALLER: &str = "use a smaller part of the scan (`ExtractRegion`)";
+
+/// Returns an upper bound of the memory in bytes for a grid with this number of cells, of which `valid` have a point.
+fn memory(cells: f64, valid: f64) -> f64 {
+    cells * 8.0 + valid * 130.0
 }
 
 /// Joins neighboring cells of `range` to triangles that are counter-clockwise as seen from the sensor. If the surface was changed and
@@ -193,13 +217,13 @@ struct Fans {
 impl Fans {
     fn new(width: usize, height: usize, triangles: &[GridTriangle]) -> Self {
         let mut wedges = vec![0; width * height];
-        for triangle in triangles {
+        for triangle in triangles.iter().until_stopped() {
             for (cell, filled) in triangle.cells(width).into_iter().zip(triangle.wedges()) {
                 wedges[cell] |= filled;
             }
         }
         let mut count = 0;
-        let first = wedges.iter().map(|&filled| {
+        let first = wedges.iter().until_stopped().map(|&filled| {
             count += fan_count(filled);
             count - fan_count(filled)
         });
@@ -208,7 +232,7 @@ impl Fans {
 
     /// Returns, for each vertex, the cell from which it is made.
     fn vertices(&self) -> Vec<usize> {
-        let cells = self.wedges.iter().enumerate();
+        let cells = self.wedges.iter().enumerate().until_stopped();
         cells.flat_map(|(cell, &filled)| (0..fan_count(filled)).map(move |_| cell)).collect()
     }
 

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use maquette_node::{Carry, Context, Error, In, Node, Transfer, bail};
+use maquette_value::parallel::*;
 use maquette_value::rng::Random;
 use maquette_value::{Faces, Mesh};
 use nalgebra::Point3;
@@ -67,7 +68,9 @@ impl Node for DominantPlane {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let scan = cx.get(&self.mesh);
-        let found = dominant_plane(&scan, self.distance, self.rank)?;
+        let visits = VISITS_PER_POSITION * scan.positions().len();
+        let (distance, rank) = (self.distance, self.rank);
+        let found = cx.progress().metered(visits, || dominant_plane(&scan, distance, rank))?;
         if found.fraction < 0.05 {
             let what = match &scan {
                 Scan::Mesh(_) => "area is",
@@ -93,6 +96,9 @@ pub struct PlaneInScan {
     /// The convex hull of the largest connected part of the plane, in the coordinates of [`Plane::axes`].
     hull: Hull,
 }
+
+/// The number of times that loops visit each position; for progress.
+const VISITS_PER_POSITION: usize = 12;
 
 /// The number of candidate planes that are tried.
 const PLANE_CANDIDATES: usize = 2000;
@@ -125,10 +131,11 @@ pub fn dominant_plane(scan: &Scan, distance: f64, rank: u32) -> Result<PlaneInSc
     if is_upside_down(&plane, scan, &points, distance) {
         plane = plane.flip();
     }
-    let on = left.iter().filter(|point| is_on(&plane, point, distance));
+    let on = left.iter().until_stopped().filter(|point| is_on(&plane, point, distance));
     let on: Vec<_> = on.map(|point| coordinates_on_plane(&plane, point)).collect();
     let part = Part::largest(&on, distance);
-    let positions = scan.positions().iter().filter(|position| is_on(&plane, position, distance));
+    let positions = scan.positions().iter().until_stopped();
+    let positions = positions.filter(|position| is_on(&plane, position, distance));
     // The sample points on large faces do not reach the border of the plane, so the vertices are added.
     let rim = positions.map(|position| coordinates_on_plane(&plane, position));
     let hull = on.iter().copied().chain(rim).filter(|at| part.contains(at)).collect();
@@ -157,6 +164,7 @@ fn sample_points(scan: &Scan) -> Vec<Point3<f64>> {
     let mut random = Random(2);
     let mut at = 0;
     (0..count)
+        .until_stopped()
         .map(|k: usize| {
             let area = total * (k as f64 + 0.5) / count as f64;
             while triangles[at].0 < area && at + 1 < triangles.len() {
@@ -224,7 +232,8 @@ fn find_plane(points: &[Point3<f64>], distance: f64) -> Option<Plane> {
     let (_, mut plane) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
     // Repeat the fit, because each fit changes the set of points near the plane.
     for _ in 0..5 {
-        let near = points.iter().filter(|point| is_on(&plane, point, distance)).copied();
+        let points = points.iter().until_stopped();
+        let near = points.filter(|point| is_on(&plane, point, distance)).copied();
         plane = Plane::fit(&near.collect::<Vec<_>>())?;
     }
     Some(plane)
@@ -249,7 +258,7 @@ impl Part {
         let side = f64::max(4.0 * distance, 0.01 * f64::max(right - left, top - bottom));
         let mut part = Self { corner: [left, bottom], side, squares: BTreeSet::new() };
         let mut counts: BTreeMap<[i64; 2], usize> = BTreeMap::new();
-        for point in points {
+        for point in points.iter().until_stopped() {
             *counts.entry(part.square(point)).or_default() += 1;
         }
         let (mut seen, mut most) = (BTreeSet::new(), 0);
@@ -288,7 +297,7 @@ impl PlaneInScan {
     /// hull of the plane, and at least `inset` away from the border of the hull.
     pub fn is_above_each(&self, scan: &Scan, distance: f64, height: f64, inset: f64) -> Vec<bool> {
         scan.positions()
-            .iter()
+            .par_iter()
             .map(|position| {
                 let at = self.plane.height(position);
                 distance < at

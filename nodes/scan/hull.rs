@@ -1,5 +1,7 @@
 //! The convex hull of points in a plane.
 
+use maquette_value::parallel::StopFlag;
+
 /// A convex polygon, given by its corners counter-clockwise.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Hull {
@@ -9,7 +11,11 @@ pub(super) struct Hull {
 impl Hull {
     /// Computes the convex hull of some points: Andrew, "Another efficient algorithm for convex hulls in two dimensions" (1979).
     pub(super) fn new(mut points: Vec<[f64; 2]>) -> Self {
-        points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+        let stop = StopFlag::current();
+        points.sort_by(|a, b| {
+            stop.check();
+            a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1]))
+        });
         points.dedup();
         fn chain(points: &mut dyn Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
             let mut chain: Vec<[f64; 2]> = Vec::new();

@@ -1,6 +1,6 @@
 //! Removes cells of a range image.
 
-use maquette_node::{Carry, Context, Error, FieldError, In, Node, Transfer, bail};
+use maquette_node::{Carry, Context, Error, FieldError, Forecast, In, Node, Sizes, Transfer, bail};
 use maquette_value::{Mask, RangeImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -40,6 +40,10 @@ impl Node for KeepCells {
             }
             _ => Ok(()),
         }
+    }
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        Some(Forecast::by_law(sizes.get(&self.range)?))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {

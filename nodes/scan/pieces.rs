@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{Carry, Context, Error, In, Node, Transfer, bail};
+use maquette_value::parallel::UntilStopped;
 use maquette_value::{Mesh, RangeImage};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -90,9 +91,13 @@ impl Node for Pieces {
             cx.warn("the scan is empty: it has no pieces");
             return Ok((scan.clone(),));
         }
-        Ok((pieces(&scan, &self.keep, self.gap)?,))
+        let visits = VISITS_PER_ELEMENT * scan.count();
+        Ok((cx.progress().metered(visits, || pieces(&scan, &self.keep, self.gap))?,))
     }
 }
+
+/// The number of times that loops visit each face, point or cell; for progress.
+const VISITS_PER_ELEMENT: usize = 5;
 
 /// A connected piece of a scan.
 struct Piece {
@@ -189,14 +194,14 @@ fn connect_cells(range: &RangeImage, gap: f64, sets: &mut UnionFind) {
 fn connect_points(points: &[Point3<f64>], gap: f64, sets: &mut UnionFind) {
     let side = gap / 3_f64.sqrt();
     let mut cubes: BTreeMap<[i64; 3], Vec<u32>> = BTreeMap::new();
-    for (number, point) in (0..).zip(points) {
+    for (number, point) in (0..).zip(points).until_stopped() {
         let cube = [0, 1, 2].map(|axis| (point[axis] / side).floor() as i64);
         cubes.entry(cube).or_default().push(number);
     }
     // Visit only half of the neighboring cubes from this cube; the pairs with the other half are visited from those cubes.
     let around = (0..125).map(|k| [k / 25 - 2, k / 5 % 5 - 2, k % 5 - 2]);
     let around: Vec<_> = around.filter(|step| *step > [0, 0, 0]).collect();
-    for (cube, here) in &cubes {
+    for (cube, here) in cubes.iter().until_stopped() {
         here.iter().for_each(|&other| sets.union(here[0], other));
         for step in &around {
             let Some(there) =

@@ -42,7 +42,8 @@ impl Node for Crease {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
-        let creased = crease(mesh, self.angle, self.sharpness);
+        let visits = VISITS_PER_FACE * mesh.faces().len();
+        let creased = cx.progress().metered(visits, || crease(mesh, self.angle, self.sharpness));
         if creased.creases().len() == 0 {
             cx.warn(format!(
                 "no edge has an angle of more than {} degrees; the largest is {:.1}",
@@ -53,6 +54,9 @@ impl Node for Crease {
         Ok((creased,))
     }
 }
+
+/// The number of times that loops visit the elements around each face; for progress.
+const VISITS_PER_FACE: usize = 32;
 
 #[cfg(test)]
 mod tests {

@@ -49,6 +49,9 @@ pub struct Curvature {
     pub strongest: f64,
 }
 
+/// The number of times that loops visit the elements around each face; for progress.
+const VISITS_PER_FACE: usize = 60;
+
 fn default_scheme() -> Scheme {
     Scheme::Loop
 }
@@ -87,7 +90,10 @@ impl Node for Curvature {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (mesh, progress) = (cx.get(&self.mesh), cx.progress());
-        let bent = curvature(mesh, self.method, self.scheme, self.boundary, progress)?;
+        let (method, scheme, boundary) = (self.method, self.scheme, self.boundary);
+        let bent = progress.metered(VISITS_PER_FACE * mesh.faces().len(), || {
+            curvature(mesh, method, scheme, boundary, progress)
+        })?;
         let unknown = bent.bending.iter().filter(|bending| bending.is_none()).count();
         if 0 < unknown {
             cx.warn(format!("the curvature at {unknown} vertices cannot be determined; they are marked `unknown`"));

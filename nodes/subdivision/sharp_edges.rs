@@ -2,6 +2,7 @@
 
 use maquette_base::topology::flat_faces::unit_normals;
 use maquette_value::Mesh;
+use maquette_value::parallel::*;
 use nalgebra::Vector3;
 
 /// Marks as creases those edges of `mesh` whose two faces have normals that differ by more than `angle` degrees. Edges without exactly two
@@ -23,7 +24,7 @@ fn edge_angles(mesh: &Mesh) -> Vec<([u32; 2], f64)> {
     let normals = unit_normals(mesh, &edges);
     let mut sums = vec![[Vector3::zeros(); 2]; edges.vertices.len()];
     let mut seen = vec![0u8; edges.vertices.len()];
-    for (face, normal) in normals.iter().enumerate() {
+    for (face, normal) in normals.iter().enumerate().until_stopped() {
         for corner in mesh.faces().first_corner(face)..mesh.faces().first_corner(face + 1) {
             let edge = edges.of_corner[corner] as usize;
             if let Some(side) = sums[edge].get_mut(usize::from(seen[edge])) {
@@ -32,8 +33,10 @@ fn edge_angles(mesh: &Mesh) -> Vec<([u32; 2], f64)> {
             }
         }
     }
-    let inner = (0..sums.len()).filter(|&edge| edges.faces[edge] == 2);
-    let angle = |[a, b]: [Vector3<f64>; 2]| libm::atan2(a.cross(&b).norm(), a.dot(&b));
+    let inner = (0..sums.len()).into_par_iter().filter(|&edge| edges.faces[edge] == 2);
+    fn angle([a, b]: [Vector3<f64>; 2]) -> f64 {
+        libm::atan2(a.cross(&b).norm(), a.dot(&b))
+    }
     inner.map(|edge| (edges.vertices[edge], angle(sums[edge]))).collect()
 }
 
@@ -45,7 +48,11 @@ pub(super) fn merge_creases(
 ) -> Mesh {
     let more = more.map(|([a, b], sharpness)| ([a.min(b), a.max(b)], sharpness));
     let mut creases: Vec<([u32; 2], f64)> = mesh.creases().chain(more).collect();
-    creases.sort_by_key(|(ends, _)| *ends);
+    let stop = StopFlag::current();
+    creases.sort_by_key(|(ends, _)| {
+        stop.check();
+        *ends
+    });
     let same = creases.chunk_by(|a, b| a.0 == b.0);
     let chosen = same.map(|same| {
         let sharpness = same.iter().map(|crease| crease.1).reduce(choose).unwrap_or_default();

@@ -2,7 +2,10 @@
 
 use std::collections::BinaryHeap;
 
-use maquette_node::{Carry, Context, Error, In, Node, Progress, Promise, Transfer};
+use maquette_node::{
+    CancelledError, Carry, Context, Error, Forecast, In, Node, Progress, Promise, Sizes, Transfer,
+    ValueSize,
+};
 use maquette_value::Mesh;
 use net::{Collapse, Net};
 use rounds::Rounds;
@@ -44,6 +47,19 @@ impl Node for Simplify {
         "mesh",
         [Transfer::Interpolated, Transfer::Interpolated, Transfer::Kept, Transfer::Kept],
     )];
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let mesh = sizes.get(&self.mesh)?;
+        let triangles = (mesh.corners - 2.0 * mesh.faces).max(1.0);
+        let target = if self.faces == 0 { triangles / 20.0 } else { self.faces as f64 };
+        let vertices = (mesh.points - (triangles - target) / 2.0)
+            .clamp(target / 4.0, mesh.points.max(target / 4.0));
+        let simple = match target < triangles {
+            true => ValueSize::mesh(vertices, target, 3.0 * target),
+            false => ValueSize::mesh(mesh.points, triangles, 3.0 * triangles),
+        };
+        Some(Forecast::by_law(simple.at_most(mesh.certainty)))
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
@@ -100,20 +116,45 @@ impl Order {
     }
 }
 
+/// The fraction of the time that the preparation of the first collapse takes.
+const BEGIN: f64 = 0.3;
+
+/// The number of times that loops visit the elements around each face during the preparation; for progress.
+const VISITS_PER_FACE: usize = 60;
+
 fn simplify_by(
     order: Order,
     mesh: &Mesh,
     target: usize,
     progress: &Progress<'_>,
 ) -> Result<Mesh, Error> {
-    let mut net = Net::new(mesh);
+    let visits = VISITS_PER_FACE * mesh.faces().len();
+    let (mut net, mut collapses) = progress.part(0.0..BEGIN, |progress| {
+        progress.metered(visits, || {
+            let net = Net::new(mesh);
+            let collapses = net.collapses();
+            (net, collapses)
+        })
+    });
     let begin = net.n_faces;
     progress.check()?;
-    let mut collapses = net.collapses();
-    if let Order::Rounds = order {
-        collapses = Rounds::new(collapses, &net).run(&mut net, target, progress)?;
-    }
-    let mut collapsing = Simplifier { net, heap: collapses.into() };
+    let net = progress.part(BEGIN..1.0, |progress| {
+        if let Order::Rounds = order {
+            collapses = Rounds::new(collapses, &net).run(&mut net, target, progress)?;
+        }
+        collapse_one_by_one(Simplifier { net, heap: collapses.into() }, begin, target, progress)
+    })?;
+    Ok(net.into_mesh(mesh)?)
+}
+
+/// Collapses the cheapest edge until `target` triangles are left or no edge can be collapsed. `begin` is the number of triangles of the
+/// input mesh.
+fn collapse_one_by_one(
+    mut collapsing: Simplifier,
+    begin: usize,
+    target: usize,
+    progress: &Progress<'_>,
+) -> Result<Net, CancelledError> {
     let mut done = 0usize;
     while target < collapsing.net.n_faces {
         let Some(next) = collapsing.heap.pop() else { break };
@@ -124,7 +165,7 @@ fn simplify_by(
         }
         collapsing.collapse(&next);
     }
-    Ok(collapsing.net.into_mesh(mesh)?)
+    Ok(collapsing.net)
 }
 
 /// The state of a simplification: a mesh and a priority queue of collapses, the cheapest first.

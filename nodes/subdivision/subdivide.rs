@@ -4,7 +4,8 @@
 //! the mesh is refined by matrix products with the memoized matrices.
 
 use maquette_node::{
-    Carry, Context, Error, Estimate, FieldError, In, Node, Previous, Promise, Transfer, Want,
+    Carry, Context, Error, Estimate, FieldError, Forecast, In, Node, Previous, Promise, Sizes,
+    Transfer, Want,
 };
 use maquette_value::Mesh;
 use schemars::JsonSchema;
@@ -14,7 +15,7 @@ use super::boundary::Boundary;
 use super::limit::limit_rows::Limit;
 use super::options::Subdivision;
 use super::refine::manifold::manifold;
-use super::refine::plan::{EndLimit, Plan, PreviousStep, bytes};
+use super::refine::plan::{EndLimit, Plan, PreviousStep, bytes, bytes_of_size, size_after};
 use super::refine::step::{LastLimit, Step};
 use super::scheme::Scheme;
 
@@ -83,6 +84,12 @@ impl Node for Subdivide {
             }
             false => Ok(()),
         }
+    }
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let mesh = sizes.get(&self.mesh)?;
+        let forecast = Forecast::by_law(size_after(mesh, self.how));
+        Some(forecast.with_memory(bytes_of_size(mesh, self.how), "choose fewer `levels`"))
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {

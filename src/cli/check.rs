@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::Args;
 use maquette_engine::writing::{FolderLock, replace};
@@ -10,11 +11,13 @@ use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::{Diagnostic, Position, Severity, code};
 use serde_json::json;
 
+use super::cache_options::CacheOptions;
 use super::files::find_files;
 use super::fmt::read;
+use super::preflight::{Preflight, as_json, table};
 use super::{
-    Exit, GraphOptions, count_severity, eprint, format_count, print, print_json, put_problems,
-    report,
+    Exit, GraphOptions, count_severity, eprint, format_count, has_errors, print, print_json,
+    put_problems, report,
 };
 use crate::DisplayPath;
 
@@ -26,6 +29,12 @@ pub(crate) struct Check {
     graphs: Vec<PathBuf>,
     #[command(flatten)]
     options: GraphOptions,
+    #[command(flatten)]
+    cache: CacheOptions,
+    /// Print what a run of each graph needs, before anything large is read: the sizes of results from the headers of files and the laws of
+    /// nodes, the memory, and the time from earlier runs. A node that needs more memory than is allowed (--max-memory) is an error.
+    #[arg(long)]
+    preflight: bool,
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
@@ -35,12 +44,12 @@ pub(crate) struct Check {
 }
 
 impl Check {
-    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let (files, unread) = find_files(&self.graphs);
         let unread = unread.iter().map(|(path, error)| unreadable_file(path, error));
         let mut diagnostics = Vec::from_iter(unread);
         let mut counts = [0; 4];
-        let mut tests = Vec::new();
+        let (mut tests, mut preflights) = (Vec::new(), Vec::new());
         for path in &files {
             match read(path) {
                 Ok(mut text) => {
@@ -54,6 +63,12 @@ impl Check {
                     counts[what as usize] += 1;
                     let (found, test) =
                         what.diagnostics(path, text, catalog, &self.options.to_options());
+                    if self.preflight && what == FileKind::Graph && !has_errors(&found) {
+                        match self.preflight(path, catalog) {
+                            Ok(preflight) => preflights.extend(preflight),
+                            Err(why) => return Exit::Usage(why),
+                        }
+                    }
                     diagnostics.extend(found);
                     tests.extend(test);
                 }
@@ -61,6 +76,7 @@ impl Check {
             }
         }
         diagnostics.extend(shared_golden_folders(&tests).0);
+        diagnostics.extend(preflights.iter().flat_map(Preflight::diagnostics).cloned());
         // Report each diagnostic once, even if several files use or test the same graph.
         let mut seen = HashSet::new();
         diagnostics.retain(|diagnostic| {
@@ -71,10 +87,14 @@ impl Check {
             .map(|severity| count_severity(&diagnostics, severity));
         if self.json {
             let mut document = json!({});
+            if self.preflight {
+                document["preflight"] = preflights.iter().map(as_json).collect();
+            }
             put_problems(&mut document, &diagnostics);
             print_json(&document);
         } else {
             report(&diagnostics);
+            preflights.iter().for_each(|preflight| print(&table(preflight)));
             let names = ["graph", "test", "handle file", "sweep"].into_iter().zip(counts);
             let checked = names.filter(|(name, count)| *count > 0 || *name == "graph");
             let checked = checked.map(|(name, count)| format_count(count, name));
@@ -86,6 +106,17 @@ impl Check {
             print(&format!("checked {checked}: {}{warnings}\n", format_count(errors, "error")));
         }
         if errors == 0 { Exit::Done } else { Exit::Failed }
+    }
+
+    /// Predicts the needs of a run of the graph at `path`. `None` if the graph has errors, which the check reports.
+    fn preflight(&self, path: &Path, catalog: &Arc<Catalog>) -> Result<Option<Preflight>, String> {
+        let Some(graph) = self.options.load(path, catalog).graph else { return Ok(None) };
+        let mut session = self.cache.reporting_session(1, catalog)?;
+        let into = self.options.output_folder(None, path);
+        session.recall(&into);
+        let graph = session.with_last_counts(&graph);
+        let needs = session.needs(&graph, &[], &into)?;
+        Ok(Some(Preflight { path: path.to_owned(), graph, needs }))
     }
 
     /// Applies the fixes of diagnostics to the text of a file, and returns the new text.

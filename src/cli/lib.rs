@@ -36,6 +36,7 @@ mod options;
 mod output;
 mod parent;
 mod pin;
+mod preflight;
 mod profile;
 mod program;
 mod progress;

@@ -28,10 +28,12 @@ mod key;
 #[cfg(test)]
 mod law;
 mod memory;
+mod needs;
 mod plan;
 mod preflight;
 mod run;
 mod snapshot;
+mod timing;
 mod trace;
 mod watchdog;
 mod why;
@@ -43,6 +45,7 @@ pub use disk::this_is_a_program;
 pub use disk::{CacheFault, Diagnosis, Disk, DiskError, NodeSize, Sizes, Usage};
 use guard::{Guards, UnmetRequirement};
 pub use maquette_remote::RequestCounts;
+pub use needs::{NodeNeeds, RunNeeds};
 use plan::Plan;
 use run::{NodeEvent, Run};
 use snapshot::Snapshot;
@@ -507,6 +510,7 @@ impl Evaluator {
         if let Some(disk) = self.writable_disk().filter(|_| self.has_unsaved) {
             found.save_unsaved(disk);
             disk.keep_snapshot(&found, self.files.get_all(graph.files()));
+            timing::store(&events, graph, &found, disk);
             self.has_unsaved = false;
         }
         let (nodes, wanted) = (graph.nodes().clone(), plan.wanted);

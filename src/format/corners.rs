@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use maquette_value::parallel::check_stop;
 use maquette_value::{Attribute, Column, Faces, Mesh, MeshError};
 
 /// Collects the faces of a file. A corner that repeats the previous vertex is dropped; exporters write such corners where a quad has shrunk
@@ -32,6 +33,7 @@ impl FaceList {
     /// Adds a face. It is cut into several if it visits a vertex twice; faces with fewer than three corners are left out. Returns the
     /// number of faces that were added.
     pub(super) fn push(&mut self, vertices: &[u32]) -> usize {
+        check_stop();
         let before = self.corners.len();
         for (k, &vertex) in vertices.iter().enumerate() {
             let predecessor = if k == 0 { vertices.len() - 1 } else { k - 1 };

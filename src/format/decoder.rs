@@ -70,7 +70,10 @@ impl File<'_> {
         check: impl FnOnce(u32, u32) -> Result<(), Error>,
     ) -> Result<Decoded, Error> {
         // A panic in a third-party decoder is reported as a damaged file; the decoder is not used afterwards.
-        let panicked = |_| unreadable(self.format, "the decoder panicked");
+        let panicked = |payload| {
+            drop(caught(payload));
+            unreadable(self.format, "the decoder panicked")
+        };
         let decoder = catch_unwind(AssertUnwindSafe(open)).map_err(panicked)?;
         let mut decoder = decoder.map_err(|error| self.decode_error(&error))?;
         let (width, height) = decoder.dimensions();
@@ -394,6 +397,12 @@ mod tests {
                 seed!("alpha.exr"),
                 b"displayWindow\0box2i\0\x10\0\0\0\0\0\0\0\0\0\0\0\x0f\0\0\0\x0b\0\0\0",
                 b"displayWindow\0box2i\0\x10\0\0\0\0\0\0\0\0\0\0\0\xff\x7e\0\0\xff\x7e\0\0",
+            ),
+            (
+                "EXR whose layer is larger than the picture",
+                seed!("alpha.exr"),
+                b"dataWindow\0box2i\0\x10\0\0\0\0\0\0\0\0\0\0\0\x0f\0\0\0\x0b\0\0\0",
+                b"dataWindow\0box2i\0\x10\0\0\0\0\0\0\0\0\0\0\0\xff\x7e\0\0\xff\x7e\0\0",
             ),
         ];
         for (format, file, size, larger) in huge {

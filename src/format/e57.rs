@@ -252,6 +252,7 @@ impl FileReader for PointsE57 {
     const EXTENSIONS: &'static [&'static str] = &["e57"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
     const BLOCKS: Option<ReadBlocks> = Some(read_blocks);
+    const SIZE: crate::SizeReader = Some(crate::size::e57);
 
     fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         let (points, left_out) = read_finite(file.bytes())?;

@@ -26,18 +26,7 @@ const FARTHEST: f32 = 65_000.0;
 ///
 /// Returns an error if the bytes are not an OpenEXR file, no channel has depths, or the depths take too much memory.
 pub(super) fn read_depth(bytes: &[u8]) -> Result<Depths, Error> {
-    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken_file)?;
-    let limit = max_memory(bytes.len());
-    for header in &meta.headers {
-        // Check the required memory: the crate unpacks all channels, and each value of a channel takes at least four bytes.
-        let (width, height) = (header.layer_size.width(), header.layer_size.height());
-        let per_pixel = depth::BYTES_PER_PIXEL + 4 * header.channels.list.len();
-        if limit / per_pixel < width.saturating_mul(height) {
-            bail!(
-                "{width} x {height} pixels would take more than {limit} bytes of memory: make the map smaller"
-            );
-        }
-    }
+    check_size(bytes, depth::BYTES_PER_PIXEL)?;
     let image = read().no_deep_data().largest_resolution_level().all_channels().all_layers();
     let image = image.all_attributes().non_parallel().from_buffered(Cursor::new(bytes));
     let image = image.map_err(broken_file)?;
@@ -67,6 +56,23 @@ pub(super) fn read_depth(bytes: &[u8]) -> Result<Depths, Error> {
         .map(|z: f32| if z < FARTHEST { f64::from(z) } else { f64::NAN })
         .collect();
     Ok(Depths { width: size.width(), height: size.height(), depths, is_integer: false })
+}
+
+/// Checks that all layers fit in memory: unpacked, where each value of a channel takes at least four bytes, and as `per_pixel` bytes for each
+/// pixel of the result.
+pub(super) fn check_size(bytes: &[u8], per_pixel: usize) -> Result<(), Error> {
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken_file)?;
+    let limit = max_memory(bytes.len());
+    for header in &meta.headers {
+        let (width, height) = (header.layer_size.width(), header.layer_size.height());
+        let per_pixel = per_pixel + 4 * header.channels.list.len();
+        if limit / per_pixel < width.saturating_mul(height) {
+            bail!(
+                "{width} x {height} pixels would take more than {limit} bytes of memory: make the picture smaller"
+            );
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -27,6 +27,7 @@ mod material;
 mod material_writer;
 mod read;
 mod scene;
+mod size;
 
 use buffers::{Buffers, Vertices};
 pub(crate) use gltf::MeshGltf;
@@ -222,6 +223,7 @@ impl FileReader for MeshGlb {
     type Value = Mesh;
     const EXTENSIONS: &'static [&'static str] = &["glb"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::GLB_READ;
+    const SIZE: crate::SizeReader = Some(size::mesh);
 
     fn read(file: &InputFile<'_>) -> Result<Mesh, Error> {
         if let Some((document, embedded)) = read::with_linked_buffers(file.bytes()) {

@@ -229,6 +229,7 @@ impl FileReader for PointsLas {
     const EXTENSIONS: &'static [&'static str] = &["las", "laz"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
     const BLOCKS: Option<ReadBlocks> = Some(read_blocks);
+    const SIZE: crate::SizeReader = Some(crate::size::las);
 
     fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         read(file.bytes())

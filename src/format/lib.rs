@@ -50,6 +50,7 @@ mod picture_kind;
 #[cfg(test)]
 mod reader_choice;
 mod rows;
+mod size;
 mod step;
 mod surface;
 #[cfg(test)]
@@ -65,3 +66,4 @@ pub(crate) use common::{
     parse_real, precision_note, unjoined_note, words,
 };
 pub use formats::{FORMATS, PACK, READERS, read};
+pub(crate) use size::SizeReader;

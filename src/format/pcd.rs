@@ -20,6 +20,7 @@ use super::{FilePosition, check_single, max_memory, parse, parse_real, words};
 
 mod header;
 mod lzf;
+pub(crate) mod size;
 
 /// The error that the points are a list instead of a grid.
 #[derive(Debug, thiserror::Error)]
@@ -249,7 +250,7 @@ fn ascii(
     need(header, body, count.saturating_mul(header.numbers).saturating_mul(2) - 1)?;
     let mut points = Vec::with_capacity(count);
     let mut colors = Vec::new();
-    let lines = body.split(|&byte| byte == b'\n').zip(header.start_line..);
+    let lines = body.split(|&byte| byte == b'\n').zip(header.start_line..).until_stopped();
     for (text, line) in lines.filter(|(text, _)| words(text).next().is_some()).take(count) {
         let numbers: Vec<_> = words(text).collect();
         if numbers.len() != header.numbers {
@@ -295,6 +296,7 @@ impl FileReader for PointsPcd {
     type Value = Points;
     const EXTENSIONS: &'static [&'static str] = &["pcd"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
+    const SIZE: crate::SizeReader = Some(size::points);
 
     fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         let (points, notes) = read_points(file.bytes(), file.color_range())?;

@@ -14,7 +14,7 @@ use maquette_value::{Image, Mask, Mesh, Rgb};
 
 use super::decoder::{Decoded, File};
 pub use super::picture_kind::Kind;
-use super::{camera, excerpt, exif, jpeg, png, tiff};
+use super::{camera, excerpt, exif, exr, jpeg, png, tiff};
 
 /// Adds the picture `name` to a mesh. If the picture cannot be loaded, or the mesh has no texture coordinates, adds a warning instead.
 pub(super) fn on_mesh(mesh: Mesh, name: &str, file: &InputFile<'_>) -> Mesh {
@@ -74,8 +74,9 @@ fn decode(bytes: &[u8]) -> Result<Decoded, Error> {
         Some(Kind::Bmp) => {
             file("BMP", bytes, 1).decode(|| BmpDecoder::new(cursor), accept_any_size)
         }
-        // The OpenEXR decoder allocates its own buffer and a copy of it.
+        // The OpenEXR decoder allocates its own buffer and a copy of it. Its size is that of the display window, but layers may be larger.
         Some(Kind::Exr) => {
+            exr::check_size(bytes, 0)?;
             file("EXR", bytes, 2).decode(|| OpenExrDecoder::new(cursor), accept_any_size)
         }
         Some(Kind::Hdr) => {
@@ -104,6 +105,7 @@ impl FileReader for ImageFiles {
     type Value = Image;
     const EXTENSIONS: &'static [&'static str] =
         &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
+    const SIZE: crate::SizeReader = Some(crate::size::picture);
 
     fn read(file: &InputFile<'_>) -> Result<Image, Error> {
         let image = read(file.bytes())?;
@@ -126,6 +128,7 @@ impl FileReader for MaskFiles {
     type Value = Mask;
     const EXTENSIONS: &'static [&'static str] =
         &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
+    const SIZE: crate::SizeReader = Some(crate::size::mask);
 
     fn read(file: &InputFile<'_>) -> Result<Mask, Error> {
         let image = read_upright(file.bytes())?;

@@ -18,6 +18,7 @@ mod faces;
 mod header;
 mod points;
 mod range;
+pub(crate) mod size;
 mod table;
 mod write;
 

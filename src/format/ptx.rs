@@ -9,6 +9,7 @@ use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::bail;
 use maquette_syntax::error::Error;
+use maquette_value::parallel::UntilStopped;
 use maquette_value::{Attribute, Points, RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3};
 
@@ -90,7 +91,7 @@ type Line<'a> = (&'a [u8], usize);
 
 /// Returns the lines that are not empty, each with its number.
 fn lines(bytes: &[u8]) -> impl Iterator<Item = Line<'_>> {
-    let lines = bytes.split(|&byte| byte == b'\n').zip(1..);
+    let lines = bytes.split(|&byte| byte == b'\n').zip(1..).until_stopped();
     lines.filter(|(text, _)| words(text).next().is_some())
 }
 
@@ -230,6 +231,7 @@ impl FileReader for PointsPtx {
     type Value = Points;
     const EXTENSIONS: &'static [&'static str] = &["ptx"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
+    const SIZE: crate::SizeReader = Some(crate::size::rows);
 
     fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         let (points, left_out) = read_points(file.bytes())?;

@@ -152,6 +152,7 @@ impl FileReader for RangeFiles {
     type Value = RangeImage;
     const EXTENSIONS: &'static [&'static str] =
         &["pcd", "ply", "ptx", "abs", "png", "tiff", "tif", "exr"];
+    const SIZE: crate::SizeReader = Some(crate::size::range);
 
     fn read(file: &InputFile<'_>) -> Result<RangeImage, Error> {
         let camera = file.companion(camera::NAME).ok();

@@ -263,6 +263,7 @@ impl FileReader for MeshStl {
     type Value = Mesh;
     const EXTENSIONS: &'static [&'static str] = &["stl"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::STL_READ;
+    const SIZE: crate::SizeReader = Some(crate::size::stl);
 
     fn read(file: &InputFile<'_>) -> Result<Mesh, Error> {
         let (mesh, notes) = read_with_notes(file.bytes())?;

@@ -448,6 +448,7 @@ impl FileReader for PointsXyz {
     const BLOCKS: Option<ReadBlocks> = Some(read_blocks);
     const EXTENSIONS: &'static [&'static str] = &["xyz", "xyzn", "xyzrgb", "xyzi", "pts", "asc"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
+    const SIZE: crate::SizeReader = Some(crate::size::rows);
 
     fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         let (points, notes) = read_with_notes(file.bytes(), file.color_range())?;

@@ -191,6 +191,11 @@ impl<'a> Reads<'a> {
     /// Returns true if a file and its companions have more bytes than a forecast may still read.
     pub fn is_too_large(&self, file: &NodeFile) -> bool {
         let Some(left) = &self.left else { return false };
+        // Do not read a file to find its companions if it is too large by itself.
+        let own = std::fs::metadata(&file.path).map_or(0, |metadata| metadata.len());
+        if own > left.load(Ordering::Relaxed) {
+            return true;
+        }
         let size = size_with_companions(file, self.readers);
         let order = Ordering::Relaxed;
         left.fetch_update(order, order, |left| left.checked_sub(size)).is_err()

@@ -13,6 +13,7 @@
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 
 pub mod catalog;
+pub mod file_head;
 pub mod file_stat;
 pub mod files;
 

@@ -72,8 +72,8 @@ pub use maquette_edit as edit;
 pub use maquette_edit::{Edit, EditedText, ExtractedGraph, Extraction, Merge, ValueChange};
 pub use maquette_engine::RequestCounts;
 pub use maquette_engine::eval::{
-    CacheFault, Diagnosis, Disk, DiskError, Evaluation, Evaluator, NodeTrace, Observer, RunTrace,
-    State, ThreadsError, Usage, start_threads,
+    CacheFault, Diagnosis, Disk, DiskError, Evaluation, Evaluator, NodeNeeds, NodeTrace, Observer,
+    RunNeeds, RunTrace, State, ThreadsError, Usage, start_threads,
 };
 pub use maquette_engine::session::{
     CacheFolder, CacheServer, OutputFile, OutputFolder, OutputReport, Run, RunResult, SaveError,
@@ -97,9 +97,9 @@ pub use maquette_node::pack::{
 };
 pub use maquette_node::provenance::Signature;
 pub use maquette_node::{
-    CancelToken, Carry, ColorRange, Context, DataKind, Exactness, Fidelities, Fidelity, FieldError,
-    File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Previous, Progress, Promise,
-    ReadError, Transfer, Want, node,
+    CancelToken, Carry, Certainty, ColorRange, Context, DataKind, Exactness, Fidelities, Fidelity,
+    FieldError, File, FileHead, FilePath, Forecast, In, Node, NodeType, Output, Outputs, PortType,
+    Previous, Progress, Promise, ReadError, Sizes, Transfer, ValueSize, Want, node,
 };
 pub use maquette_node::{bail, this_build, union};
 pub use maquette_render as render;

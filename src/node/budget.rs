@@ -77,7 +77,7 @@ impl Estimate {
 
 /// Error of a node that needs more memory than is left in the budget.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("it would need {}, {} are held already and {} are allowed in all: {help}, or allow more (--max-memory)", format_bytes(*need), format_bytes(*held as f64), format_bytes(*most as f64))]
+#[error("it would need {}, {} are held already and {} are allowed in all: {help}{}, or allow more (--max-memory)", format_bytes(*need), format_bytes(*held as f64), format_bytes(*most as f64), fits.as_ref().map_or_else(String::new, |fits| format!(", {fits}")))]
 #[doc(hidden)]
 pub struct MemoryError {
     /// Memory in bytes that the node's [`Estimate`] states.
@@ -91,6 +91,9 @@ pub struct MemoryError {
     pub most: u64,
     #[doc(hidden)]
     pub help: &'static str,
+    /// The size of the inputs that would fit, as a part of the help text.
+    #[doc(hidden)]
+    pub fits: Option<String>,
 }
 
 /// Formats a number of bytes with a decimal unit, such as `4.2 GB`. Numbers below 1 kB are exact.

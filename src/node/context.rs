@@ -4,10 +4,13 @@ use std::any::{Any, type_name};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::PathBuf;
+use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex};
+use std::thread::{Builder, scope};
+use std::time::Duration;
 
 use maquette_syntax::error::{CancelledError, Error};
-use maquette_value::parallel::stoppable;
+use maquette_value::parallel::{Meter, stoppable};
 use maquette_value::{AnyValue, Hash, Memo, Value, hash_of_memo, value_type};
 
 use crate::blocks::PointBlock;
@@ -62,7 +65,34 @@ impl Progress<'_> {
             cancel: self.cancel,
         })
     }
+
+    /// Runs `work`, which does not report its progress. Its progress is the number of items that its loops have visited, as a fraction of
+    /// `total`; see [`Meter`].
+    pub fn metered<R>(&self, total: usize, work: impl FnOnce() -> R) -> R {
+        let Some(report) = self.report.filter(|_| MIN_METERED <= total) else { return work() };
+        let meter = Arc::new(Meter::default());
+        let (over, ended) = channel::<()>();
+        scope(|scope| {
+            let watched = meter.clone();
+            let watch = move || {
+                while ended.recv_timeout(INTERVAL) == Err(RecvTimeoutError::Timeout) {
+                    report((watched.items() as f64 / total as f64).min(1.0));
+                }
+            };
+            // Ignore an error: if the thread cannot be started, no progress is reported.
+            let _ = Builder::new().spawn_scoped(scope, watch);
+            let result = meter.measure(work);
+            drop(over);
+            result
+        })
+    }
 }
+
+/// The minimum number of items whose progress is measured: fewer take less time than a thread.
+const MIN_METERED: usize = 2_000_000;
+
+/// The time between two reports of measured progress.
+const INTERVAL: Duration = Duration::from_millis(200);
 
 /// A token that cancels evaluations.
 #[derive(Clone, Debug, Default)]
@@ -234,6 +264,8 @@ impl Context<'_> {
 
 #[cfg(test)]
 mod tests {
+    use maquette_value::parallel::{IntoParallel, Parallel};
+
     use super::*;
 
     #[test]
@@ -248,5 +280,23 @@ mod tests {
             })
             .unwrap();
         assert_eq!(*reported.lock().unwrap(), [0.5, 0.75]);
+    }
+
+    #[test]
+    fn progress_of_loops_is_measured() {
+        let reported = Mutex::new(Vec::new());
+        let report = |fraction: f64| reported.lock().unwrap().push(fraction);
+        let progress = Progress { report: Some(&report), cancel: None };
+        let total = 2 * MIN_METERED;
+        progress.part(0.5..1.0, |half| {
+            half.metered(total, || {
+                (0..total / 2).into_par_iter().for_each(drop);
+                while reported.lock().unwrap().is_empty() {
+                    std::thread::sleep(INTERVAL / 10);
+                }
+            });
+        });
+        let reported = reported.into_inner().unwrap();
+        assert!(reported.iter().all(|fraction| (0.74..=0.75).contains(fraction)), "{reported:?}");
     }
 }

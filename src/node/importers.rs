@@ -17,6 +17,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::fidelity::Fidelities;
+use crate::size::{FileHead, ValueSize};
 
 /// A reader of files, which returns values of one type from files of one format.
 pub trait FileReader {
@@ -44,6 +45,9 @@ pub trait FileReader {
     /// A function that reads the points of a large file in blocks; `None` if the format does not allow it. Only for readers of points
     /// without companions.
     const BLOCKS: Option<ReadBlocks> = None;
+    /// A function that tells the size of the value from the first bytes of a file and its length. It returns `None` if they do not tell.
+    /// `None` if the format does not state sizes. The function must never panic.
+    const SIZE: Option<fn(&FileHead<'_>) -> Option<ValueSize>> = None;
 }
 
 /// A file at any position of which bytes can be read.
@@ -164,6 +168,7 @@ pub struct AnyReader {
     read: fn(&InputFile<'_>) -> Result<AnyValue, Error>,
     companions: Option<fn(&InputFile<'_>)>,
     blocks: Option<ReadBlocks>,
+    size: Option<fn(&FileHead<'_>) -> Option<ValueSize>>,
     /// The data of meshes and points that the reader preserves.
     #[doc(hidden)]
     pub fidelity: Fidelities,
@@ -177,6 +182,7 @@ pub const fn reader<R: FileReader>() -> AnyReader {
         read: |file| R::read(file).map(AnyValue::new),
         companions: R::COMPANIONS,
         blocks: R::BLOCKS,
+        size: R::SIZE,
         fidelity: R::FIDELITY,
     }
 }
@@ -310,6 +316,14 @@ impl Readers {
     pub fn read_blocks(&self, extension: &str) -> Option<ReadBlocks> {
         let of_points = self.0.iter().filter(|reader| reader.kind().name == Points::NAME);
         of_points.filter(|reader| reader.extensions.contains(&extension)).find_map(|it| it.blocks)
+    }
+
+    /// Returns the size of the value of type `kind` in a file. `None` if the start of the file does not tell it.
+    #[doc(hidden)]
+    pub fn size(&self, kind: &ValueType, head: &FileHead<'_>) -> Option<ValueSize> {
+        let mut readers = self.0.iter().filter(|reader| reader.kind() == kind);
+        let reader = readers.find(|reader| reader.extensions.contains(&head.extension))?;
+        reader.size.and_then(|size| size(head))
     }
 
     /// Returns true if files with this extension may have companions.

@@ -12,6 +12,7 @@ use super::{
 };
 use crate::blocks::Blocks;
 use crate::budget::Estimate;
+use crate::size::{Forecast, Sizes};
 
 /// The description of a node type, independent of its Rust type. [`node`] creates it.
 #[derive(Clone, Copy)]
@@ -71,6 +72,12 @@ pub trait AnyNode: Send + Sync {
     fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
         None
     }
+
+    /// Predicts the sizes of the outputs: see [`Node::forecast`].
+    fn forecast(&self, _: &Sizes<'_>) -> Option<Forecast> {
+        None
+    }
+
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error>;
     fn update(&self, _: &Context<'_>, _: &Previous<'_>) -> Result<Option<Vec<AnyValue>>, Error> {
         Ok(None)
@@ -107,6 +114,10 @@ pub trait AnyNode: Send + Sync {
 impl<T: Node> AnyNode for T {
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         Node::estimate(self, cx)
+    }
+
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        Node::forecast(self, sizes)
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error> {

@@ -24,6 +24,7 @@ mod kind;
 mod node;
 mod port;
 mod previous;
+mod size;
 mod terms;
 
 pub use blocks::{Blocks, PointBlock};
@@ -49,4 +50,5 @@ pub use pack::{Content, FileFormat, Format, Migration, NewFile, NewValue, Pack, 
 pub use port::{In, Outputs, PortType};
 pub use previous::Previous;
 pub use provenance::Signature;
+pub use size::{Certainty, FileHead, Forecast, Sizes, ValueSize};
 pub use terms::{Promise, Source, Term, Want};

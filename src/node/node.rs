@@ -14,6 +14,7 @@ use crate::field_error::FieldError;
 use crate::file::FilePath;
 use crate::port::Outputs;
 use crate::previous::Previous;
+use crate::size::{Forecast, Sizes, ValueSize};
 use crate::terms::{Promise, Want};
 
 /// A node type, which is a kind of step of a graph: its fields, its outputs, its documentation and its computation.
@@ -63,9 +64,20 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
     /// Returns an upper bound of the memory that [`eval`](Self::eval) needs. `None` if the bound is unknown. Return a bound if the result
     /// can be much larger than the inputs: the node is then rejected with a message instead of exhausting the memory.
     ///
-    /// The inputs are in the context. The method must be fast and deterministic, and must not allocate much memory.
+    /// The inputs are in the context. The method must be fast and deterministic, and must not allocate much memory. The default is the
+    /// memory in the [`forecast`](Self::forecast), for the sizes of the inputs.
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
-        let _ = cx;
+        let inputs = |slot: usize| cx.inputs.get(slot).map(ValueSize::of_value);
+        self.forecast(&Sizes { inputs: &inputs, files: &|_, _| None })?.memory
+    }
+
+    /// Predicts the sizes of the outputs and the memory of the node from the sizes of its inputs and files, before any of them is computed
+    /// or read. `maquette check --preflight` prints them. `None` if they are unknown: each output is then taken to be as large as the
+    /// largest input.
+    ///
+    /// The method must be fast, and correct within a factor of 2 where it does not return a [guess](crate::Certainty::Guess).
+    fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
+        let _ = sizes;
         None
     }
 

@@ -67,8 +67,9 @@ impl Attribute {
     /// If an index is out of bounds.
     #[must_use]
     pub fn select(&self, indices: &[u32]) -> Self {
-        fn select<T: Copy>(column: &[T], indices: &[u32]) -> Column<T> {
-            indices.iter().map(|&index| column[index as usize]).collect()
+        fn select<T: Copy + Send + Sync>(column: &[T], indices: &[u32]) -> Column<T> {
+            let entries = indices.par_iter().with_min_len(4096);
+            entries.map(|&index| column[index as usize]).collect::<Vec<_>>().into()
         }
         match self {
             Self::Number(column) => Self::Number(select(column, indices)),

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use crate::parallel::join;
+use crate::parallel::{UntilStopped, join};
 
 /// An axis-aligned box, including its border.
 #[derive(Clone, Copy, Debug)]
@@ -56,7 +56,7 @@ struct Node {
 impl BoxTree {
     /// Builds the tree of some boxes. Cost grows with n log n.
     pub fn new(boxes: impl Iterator<Item = Bounds>) -> Self {
-        let mut order: Vec<_> = boxes.zip(0..).collect();
+        let mut order: Vec<_> = boxes.zip(0..).until_stopped().collect();
         let mut nodes = Vec::new();
         if !order.is_empty() {
             grow(&mut nodes, &mut order, 0);

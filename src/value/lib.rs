@@ -33,6 +33,7 @@ mod frame;
 mod handles;
 mod hash;
 mod image;
+mod key_chunks;
 mod knots;
 mod labels;
 mod layer;
@@ -71,6 +72,7 @@ pub(crate) use hash::SEVERAL_THREADS;
 pub use image::{
     Color, ColorError, Image, Lab, Rgb, SizeError, linear_from_srgb, srgb_from_linear,
 };
+pub use key_chunks::KeyChunks;
 pub use knots::{KnotChange, KnotVector, KnotVectorError};
 pub use labels::{LabelRun, LabelStatistics, Labels, LabelsError};
 pub use layer::{Arrows, Axes, BACKGROUND, Cloud, Layer, Lines, Marks, Picture, Series};

@@ -22,20 +22,35 @@ use rayon::iter::ParallelIterator as _;
 
 mod adaptors;
 mod collect;
+mod meter;
 mod sources;
+mod span;
 mod stop;
+
+use stop::Computation;
 
 pub use adaptors::{Adapted, Zip};
 pub use collect::FromParallel;
+pub use meter::Meter;
 pub use sources::{
     Chunks, ChunksMut, IntoParallel, Items, ItemsMut, Numbers, ParallelSlice, ParallelSliceMut,
     VecItems,
 };
-pub use stop::stoppable;
+pub use span::{WorkSpan, finish_span, start_span};
+pub use stop::{StopFlag, StoppableIter, UntilStopped, caught, check_stop, detached, stoppable};
 
-/// The maximum number of parts of a loop: enough parts that no thread waits long for the last one, and few enough that they are distributed
-/// in microseconds.
+/// The maximum number of parts of a loop over up to two million items: enough parts that no thread waits long for the last one, and few
+/// enough that they are distributed in microseconds.
 const MAX_PARTS: usize = 128;
+
+/// The number of indices of a part of a longer loop. A cancelled loop stops when its current parts are finished, so these must not take
+/// long.
+const MAX_PART_LEN: usize = 1 << 14;
+
+/// The number of parts of a loop over `len` indices.
+fn parts_of(len: usize) -> usize {
+    len.clamp(1, MAX_PARTS.max(len / MAX_PART_LEN))
+}
 
 /// The maximum number of parts of a loop that initializes a state for each part.
 const MAX_INIT_PARTS: usize = 32;
@@ -59,9 +74,14 @@ pub trait Parallel: Sized + Send {
     /// The sequential iterator over all items, in order.
     fn part(self) -> Self::Part;
 
+    /// The number of items by which the work is measured.
+    fn weight(&self) -> usize {
+        self.index_count()
+    }
+
     /// The number of parts. It must not depend on the number of threads.
     fn parts(&self) -> usize {
-        self.index_count().clamp(1, MAX_PARTS)
+        parts_of(self.index_count())
     }
 
     /// Maps each item by `f`.
@@ -82,7 +102,8 @@ pub trait Parallel: Sized + Send {
     {
         adapt::<true, _, _>(self, MAX_INIT_PARTS, move |part| {
             let mut state = init();
-            part.map(move |item| f(&mut state, item))
+            // The parts are long.
+            part.until_stopped().map(move |item| f(&mut state, item))
         })
     }
 
@@ -260,6 +281,7 @@ fn each_part<P: Parallel>(items: P, f: &(dyn Fn(usize, P) + Sync)) {
     if count <= 1 {
         return f(0, items);
     }
+    let (computation, weight) = (Computation::current(), items.weight() / count);
     // The parts are split off from the end, because splitting off the front of a list would move all remaining items.
     let mut parts = Vec::with_capacity(count);
     let mut rest = items;
@@ -276,14 +298,19 @@ fn each_part<P: Parallel>(items: P, f: &(dyn Fn(usize, P) + Sync)) {
         if let Some(part) = part {
             f(index, part);
         }
+        computation.count(weight);
     });
 }
 
 /// Calls `f` with each index below `count` on rayon's threads.
 fn on_threads(count: usize, f: &(dyn Fn(usize) + Sync)) {
-    let flag = stop::flag();
+    if let Some(mut parts) = span::Loop::begin() {
+        (0..count).for_each(|index| parts.run(|| f(index)));
+        return parts.end();
+    }
+    let computation = Computation::current();
     rayon::iter::IntoParallelIterator::into_par_iter(0..count)
-        .for_each(|index| stop::with_flag(flag.clone(), || f(index)));
+        .for_each(|index| computation.part().run(|| f(index)));
 }
 
 /// Calls two functions, on two threads if one is free, and returns both results.
@@ -291,9 +318,14 @@ pub fn join<A: Send, B: Send>(
     a: impl FnOnce() -> A + Send,
     b: impl FnOnce() -> B + Send,
 ) -> (A, B) {
-    let flag = stop::flag();
-    let of_b = flag.clone();
-    rayon::join(|| stop::with_flag(flag, a), || stop::with_flag(of_b, b))
+    if let Some(mut parts) = span::Loop::begin() {
+        let results = (parts.run(a), parts.run(b));
+        parts.end();
+        return results;
+    }
+    let computation = Computation::current();
+    let of_b = computation.clone();
+    rayon::join(|| computation.run(a), || of_b.run(b))
 }
 
 #[cfg(test)]

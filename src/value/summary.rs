@@ -1,5 +1,7 @@
 //! Summaries of values for people.
 
+use crate::parallel::UntilStopped;
+
 /// Labelled facts in reading order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Summary(pub Vec<(String, serde_json::Value)>);
@@ -17,7 +19,7 @@ impl Summary {
     #[must_use]
     pub fn with_histogram(self, label: &str, numbers: impl Iterator<Item = f64> + Clone) -> Self {
         const PARTS: usize = 32;
-        let finite = numbers.filter(|x| x.is_finite());
+        let finite = numbers.until_stopped().filter(|x| x.is_finite());
         let start = (f64::INFINITY, f64::NEG_INFINITY);
         let (from, to) = finite.clone().fold(start, |(lo, hi), x| (lo.min(x), hi.max(x)));
         if to < from {

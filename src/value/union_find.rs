@@ -1,12 +1,16 @@
 //! Disjoint sets of integers.
 
+use crate::parallel::StopFlag;
+
 /// Disjoint sets of the integers from 0 to a count (excluded). The representative of a set is its smallest member.
-pub(crate) struct UnionFind(Vec<u32>);
+///
+/// Merging stops with the running computation.
+pub(crate) struct UnionFind(Vec<u32>, StopFlag);
 
 impl UnionFind {
     /// Builds one set for each integer.
     pub(crate) fn new(count: usize) -> Self {
-        Self((0..count as u32).collect())
+        Self((0..count as u32).collect(), StopFlag::current())
     }
 
     /// The representative of the set that contains `number`.
@@ -21,6 +25,7 @@ impl UnionFind {
 
     /// Merges the sets of two numbers.
     pub(crate) fn union(&mut self, a: u32, b: u32) {
+        self.1.check();
         let (a, b) = (self.find(a), self.find(b));
         self.0[a.max(b) as usize] = a.min(b);
     }

@@ -14,6 +14,7 @@ mod lsp;
 mod missing_files;
 mod nothing_is_lost;
 mod pictures;
+mod preflight;
 mod read_only;
 mod readme;
 mod real_scans;

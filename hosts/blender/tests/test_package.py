@@ -133,7 +133,7 @@ def test_1_the_engine_is_the_extension_s_own_and_computes(resources: pathlib.Pat
 import importlib.metadata, maquette
 print("file", maquette.__file__)
 print("version", importlib.metadata.version("maquette"))
-print("faces", len(maquette.load({str(GRAPHS / "hull.ron")!r}, cache=None).run()["hull.glb"].faces))
+print("faces", len(maquette.load({str(GRAPHS / "hull.ron")!r}, cache=None).run()["hull.glb"].triangles))
 from {PACKAGE} import preferences
 print("engine", preferences.version())
 """

@@ -88,8 +88,8 @@ impl Graph {
 
     /// Formats a value for a parameter as RON.
     fn as_ron(&self, parameter: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
-        let unknown = || PyKeyError::new_err(parameter.to_owned());
-        self.graph.as_ron(parameter, &plain::to_json(value)?).ok_or_else(unknown)
+        let text = self.graph.as_ron(parameter, &plain::to_json(value)?);
+        text.ok_or_else(|| PyKeyError::new_err(parameter.to_owned()))
     }
 
     /// The diagram of the graph as SVG.

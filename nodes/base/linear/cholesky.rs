@@ -42,6 +42,7 @@ pub struct Cholesky {
     /// The unknowns in elimination order.
     order: Vec<u32>,
     factors: Vec<Factor>,
+    schedule: Schedule,
 }
 
 /// The columns of `L` for one group of unknowns.
@@ -52,6 +53,8 @@ struct Factor {
     count: usize,
     /// The rows below the group that have nonzero entries in its columns, as positions in the elimination order, ascending.
     below: Vec<u32>,
+    /// The number of rows below the group that belong to the same task of the schedule.
+    inside: usize,
     columns: Front,
 }
 
@@ -64,6 +67,13 @@ const ROOT: u32 = u32::MAX;
 
 /// A system with at most this many unknowns is factored on one thread.
 const MAX_SEQUENTIAL_UNKNOWNS: usize = 500;
+
+/// A system with at least this many unknowns is solved on several threads.
+const MIN_PARALLEL_SOLVE: usize = 5000;
+/// The minimum number of subtrees into which the assembly tree of a large system is divided, and the number of unknowns of a subtree that is
+/// not worth dividing.
+const MIN_TASKS: usize = 64;
+const MIN_TASK_UNKNOWNS: usize = 200;
 
 impl Cholesky {
     /// Factors a matrix. Returns `None` if the matrix is not positive definite.
@@ -86,72 +96,215 @@ impl Cholesky {
         (0..).zip(order).for_each(|(at, &unknown)| place[unknown as usize] = at);
         let tree = Tree::new(matrix, dissection, &place);
         let elimination = Elimination { matrix, order, place: &place, tree: &tree, progress };
-        let (tasks, last) = tree.tasks(order.len());
-        let done = tasks
-            .par_iter()
-            .map(|groups| elimination.run(groups, BTreeMap::new()))
-            .collect::<Result<Vec<_>, CancelledError>>()?;
-        let Some(done) = done.into_iter().collect::<Option<Vec<_>>>() else { return Ok(None) };
         let mut factors = Vec::with_capacity(tree.below.len());
-        let mut left = BTreeMap::new();
-        for (done, rest) in done {
-            factors.extend(done);
-            left.extend(rest);
-        }
-        let Some((done, _)) = elimination.run(&last, left)? else { return Ok(None) };
-        factors.extend(done);
-        factors.sort_by_key(|factor| factor.first);
-        Ok(Some(Self { order: order.clone(), factors }))
-    }
-
-    /// Replaces three right sides (one per coordinate) by their solutions.
-    pub fn solve(&self, right: &mut [[f64; 3]]) {
-        let mut x: Vec<[f64; 3]> = self.order.iter().map(|&k| right[k as usize]).collect();
-        let mut own = Vec::new();
-        for factor in &self.factors {
-            own.clear();
-            own.extend_from_slice(&x[factor.first..factor.first + factor.count]);
-            own.resize(factor.columns.height, [0.0; 3]);
-            factor.forwards(&mut own);
-            x[factor.first..factor.first + factor.count].copy_from_slice(&own[..factor.count]);
-            for (&row, change) in factor.below.iter().zip(&own[factor.count..]) {
-                (0..3).for_each(|axis| x[row as usize][axis] += change[axis]);
+        let mut left = PendingUpdates::new();
+        for wave in tree.waves(order.len()) {
+            let ready: Vec<_> =
+                wave.into_iter().map(|task| tree.with_updates(task, &mut left)).collect();
+            let done = ready
+                .into_par_iter()
+                .map(|(groups, updates): (Vec<u32>, _)| elimination.run(&groups, updates))
+                .collect::<Result<Vec<_>, CancelledError>>()?;
+            let Some(done) = done.into_iter().collect::<Option<Vec<_>>>() else { return Ok(None) };
+            for (done, rest) in done {
+                factors.extend(done);
+                left.extend(rest);
             }
         }
-        for factor in self.factors.iter().rev() {
-            own.clear();
-            own.extend_from_slice(&x[factor.first..factor.first + factor.count]);
-            own.extend(factor.below.iter().map(|&row| x[row as usize]));
-            own.resize(factor.columns.height, [0.0; 3]);
-            factor.backwards(&mut own);
-            x[factor.first..factor.first + factor.count].copy_from_slice(&own[..factor.count]);
+        factors.sort_by_key(|factor| factor.first);
+        let schedule = Schedule::new(&tree, order.len());
+        schedule.count_inside(&mut factors, order.len());
+        Ok(Some(Self { order: order.clone(), factors, schedule }))
+    }
+
+    /// Replaces right sides (one per coordinate) by their solutions.
+    pub fn solve<const N: usize>(&self, right: &mut [[f64; N]]) {
+        let mut x: Vec<[f64; N]> = self.order.iter().map(|&k| right[k as usize]).collect();
+        let still = &x;
+        let tasks = self.schedule.tasks.par_iter();
+        let done: Vec<_> = tasks.map(|task| self.forwards_in(task, still)).collect();
+        let mut own = Vec::new();
+        for step in &self.schedule.steps {
+            match *step {
+                Step::Task(task) => {
+                    let (known, changes) = &done[task as usize];
+                    self.scatter(&self.schedule.tasks[task as usize], known, &mut x);
+                    changes.iter().for_each(|(row, change)| add(&mut x[*row as usize], change));
+                }
+                Step::Group(group) => {
+                    let factor = &self.factors[group as usize];
+                    let rows = factor.first..factor.first + factor.count;
+                    factor.forwards(&x[rows.clone()], &mut own);
+                    x[rows].copy_from_slice(&own[..factor.count]);
+                    for (&row, change) in factor.below.iter().zip(&own[factor.count..]) {
+                        add(&mut x[row as usize], change);
+                    }
+                }
+            }
+        }
+        for step in self.schedule.steps.iter().rev() {
+            if let Step::Group(group) = *step {
+                let factor = &self.factors[group as usize];
+                let rows = factor.first..factor.first + factor.count;
+                own.clear();
+                own.extend_from_slice(&x[rows.clone()]);
+                own.extend(factor.below.iter().map(|&row| x[row as usize]));
+                factor.backwards(&mut own);
+                x[rows].copy_from_slice(&own[..factor.count]);
+            }
+        }
+        let still = &x;
+        let tasks = self.schedule.tasks.par_iter();
+        let done: Vec<_> = tasks.map(|task| self.backwards_in(task, still)).collect();
+        for (task, known) in self.schedule.tasks.iter().zip(&done) {
+            self.scatter(task, known, &mut x);
         }
         self.order.iter().zip(x).for_each(|(&k, x)| right[k as usize] = x);
     }
+
+    /// Forward substitution for the unknowns of a task. Returns them, and the changes of the right sides of later unknowns, in order.
+    fn forwards_in<const N: usize>(
+        &self,
+        task: &[u32],
+        x: &[[f64; N]],
+    ) -> (Vec<[f64; N]>, Vec<(u32, [f64; N])>) {
+        let (mut known, mut changes, mut own) = (self.gather(task, x), Vec::new(), Vec::new());
+        let mut first = 0;
+        for factor in self.factors_of(task) {
+            let rows = first..first + factor.count;
+            factor.forwards(&known[rows.clone()], &mut own);
+            known[rows].copy_from_slice(&own[..factor.count]);
+            let (inside, outside) = factor.below.split_at(factor.inside);
+            let (of_inside, of_outside) = own[factor.count..].split_at(factor.inside);
+            for (&row, change) in inside.iter().zip(of_inside) {
+                add(&mut known[self.schedule.places[row as usize] as usize], change);
+            }
+            changes.extend(outside.iter().copied().zip(of_outside.iter().copied()));
+            first += factor.count;
+        }
+        (known, changes)
+    }
+
+    /// Back substitution for the unknowns of a task, when those of later groups are known.
+    fn backwards_in<const N: usize>(&self, task: &[u32], x: &[[f64; N]]) -> Vec<[f64; N]> {
+        let (mut known, mut own) = (self.gather(task, x), Vec::new());
+        let mut first = known.len();
+        for factor in self.factors_of(task).rev() {
+            first -= factor.count;
+            let rows = first..first + factor.count;
+            let (inside, outside) = factor.below.split_at(factor.inside);
+            own.clear();
+            own.extend_from_slice(&known[rows.clone()]);
+            own.extend(
+                inside.iter().map(|&row| known[self.schedule.places[row as usize] as usize]),
+            );
+            own.extend(outside.iter().map(|&row| x[row as usize]));
+            factor.backwards(&mut own);
+            known[rows].copy_from_slice(&own[..factor.count]);
+        }
+        known
+    }
+
+    fn factors_of(&self, task: &[u32]) -> impl DoubleEndedIterator<Item = &Factor> {
+        task.iter().map(|&group| &self.factors[group as usize])
+    }
+
+    /// Returns the unknowns of a task, group by group.
+    fn gather<const N: usize>(&self, task: &[u32], x: &[[f64; N]]) -> Vec<[f64; N]> {
+        let rows = self.factors_of(task).map(|factor| factor.first..factor.first + factor.count);
+        rows.flat_map(|rows| &x[rows]).copied().collect()
+    }
+
+    /// Sets the unknowns of a task, given group by group.
+    fn scatter<const N: usize>(&self, task: &[u32], mut known: &[[f64; N]], x: &mut [[f64; N]]) {
+        for factor in self.factors_of(task) {
+            let (own, rest) = known.split_at(factor.count);
+            x[factor.first..factor.first + factor.count].copy_from_slice(own);
+            known = rest;
+        }
+    }
+}
+
+fn add<const N: usize>(sum: &mut [f64; N], change: &[f64; N]) {
+    (0..N).for_each(|axis| sum[axis] += change[axis]);
 }
 
 impl Factor {
-    /// Forward substitution: solves for the unknowns of the group, and subtracts their contributions from the right sides of the rows
-    /// below.
-    fn forwards(&self, x: &mut [[f64; 3]]) {
+    /// Forward substitution: solves for the unknowns of the group with the right sides `right`. `x` becomes the solution, followed by the
+    /// changes of the right sides of the rows below.
+    fn forwards<const N: usize>(&self, right: &[[f64; N]], x: &mut Vec<[f64; N]>) {
+        x.clear();
+        x.extend_from_slice(right);
+        x.resize(self.columns.height, [0.0; N]);
         for (k, column) in self.columns.entries.chunks_exact(self.columns.height).enumerate() {
             let known = x[k].map(|right| right / column[k]);
             x[k] = known;
             for (x, factor) in x[k + 1..].iter_mut().zip(&column[k + 1..]) {
-                (0..3).for_each(|axis| x[axis] -= factor * known[axis]);
+                (0..N).for_each(|axis| x[axis] -= factor * known[axis]);
             }
         }
     }
 
     /// Back substitution: solves for the unknowns of the group, given the solution for the rows below.
-    fn backwards(&self, x: &mut [[f64; 3]]) {
+    fn backwards<const N: usize>(&self, x: &mut [[f64; N]]) {
         for (k, column) in self.columns.entries.chunks_exact(self.columns.height).enumerate().rev()
         {
             let mut sum = x[k];
             for (x, factor) in x[k + 1..].iter().zip(&column[k + 1..]) {
-                (0..3).for_each(|axis| sum[axis] -= factor * x[axis]);
+                (0..N).for_each(|axis| sum[axis] -= factor * x[axis]);
             }
             x[k] = sum.map(|sum| sum / column[k]);
+        }
+    }
+}
+
+/// The order in which groups of unknowns are solved.
+struct Schedule {
+    /// Groups that are solved independently of those of other tasks: parts of the assembly tree.
+    tasks: Vec<Vec<u32>>,
+    /// All tasks and the remaining groups, in elimination order.
+    steps: Vec<Step>,
+    /// The index of each unknown, given by its position in the elimination order, among those of its task.
+    places: Vec<u32>,
+}
+
+#[derive(Clone, Copy)]
+enum Step {
+    Task(u32),
+    Group(u32),
+}
+
+impl Schedule {
+    fn new(tree: &Tree, unknowns: usize) -> Self {
+        let max_unknowns = if unknowns < MIN_PARALLEL_SOLVE { 0 } else { unknowns / 5 };
+        let (tasks, last) = tree.tasks(max_unknowns);
+        let ends = (0..).zip(&tasks).map(|(task, groups)| (groups.last(), Step::Task(task)));
+        let rest = last.iter().map(|group| (Some(group), Step::Group(*group)));
+        let mut steps: Vec<_> = ends.chain(rest).collect();
+        steps.sort_by_key(|step| step.0);
+        let steps = steps.into_iter().map(|step| step.1).collect();
+        let mut places = vec![0; unknowns];
+        for groups in &tasks {
+            let rows = groups
+                .iter()
+                .flat_map(|&group| tree.starts[group as usize]..tree.starts[group as usize + 1]);
+            (0..).zip(rows).for_each(|(place, row)| places[row as usize] = place);
+        }
+        Self { tasks, steps, places }
+    }
+
+    /// Counts for each factor the rows below it that belong to its task. They come first, because they are those of earlier ancestors.
+    fn count_inside(&self, factors: &mut [Factor], unknowns: usize) {
+        let mut tasks = vec![ROOT; unknowns];
+        for (task, groups) in (0..).zip(&self.tasks) {
+            for factor in groups.iter().map(|&group| &factors[group as usize]) {
+                tasks[factor.first..factor.first + factor.count].fill(task);
+            }
+        }
+        for factor in factors {
+            let task = tasks[factor.first];
+            factor.inside =
+                factor.below.partition_point(|&row| task != ROOT && tasks[row as usize] == task);
         }
     }
 }
@@ -207,8 +360,8 @@ impl Tree {
     }
 
     /// Divides the groups of unknowns into independent tasks, whose groups can be eliminated in parallel. Also returns the remaining
-    /// groups, which depend on these tasks.
-    fn tasks(&self, unknowns: usize) -> (Vec<Vec<u32>>, Vec<u32>) {
+    /// groups, which depend on these tasks. A task has at most `max_unknowns` unknowns.
+    fn tasks(&self, max_unknowns: usize) -> (Vec<Vec<u32>>, Vec<u32>) {
         let count = self.parents.len();
         let mut sizes: Vec<u32> = self.starts.windows(2).map(|ends| ends[1] - ends[0]).collect();
         for k in 0..count {
@@ -216,7 +369,6 @@ impl Tree {
                 sizes[self.parents[k] as usize] += sizes[k];
             }
         }
-        let most = if unknowns <= MAX_SEQUENTIAL_UNKNOWNS { 0 } else { unknowns * 3 / 5 };
         let (mut tasks, mut last) = (Vec::new(), Vec::new());
         let mut task = vec![ROOT; count];
         for k in (0..count).rev() {
@@ -224,7 +376,7 @@ impl Tree {
             let above = if parent == ROOT { ROOT } else { task[parent as usize] };
             if above != ROOT {
                 task[k] = above;
-            } else if sizes[k] as usize <= most {
+            } else if sizes[k] as usize <= max_unknowns {
                 task[k] = tasks.len() as u32;
                 tasks.push(Vec::new());
             }
@@ -235,6 +387,40 @@ impl Tree {
         }
         tasks.iter_mut().chain([&mut last]).for_each(|groups: &mut Vec<u32>| groups.reverse());
         (tasks, last)
+    }
+
+    /// Divides the groups of unknowns into waves of tasks. The tasks of a wave, lists of groups, are independent of each other; they depend
+    /// on the tasks of earlier waves. The tasks of the first wave are small subtrees, those of later waves single groups.
+    fn waves(&self, unknowns: usize) -> Vec<Vec<Vec<u32>>> {
+        let count = self.parents.len();
+        if unknowns <= MAX_SEQUENTIAL_UNKNOWNS {
+            return vec![vec![(0..count as u32).collect()]];
+        }
+        let (subtrees, rest) = self.tasks((unknowns / MIN_TASKS).max(MIN_TASK_UNKNOWNS));
+        let mut waves = vec![subtrees];
+        // For each group the number of waves before its own.
+        let mut waves_before = vec![0; count];
+        for group in rest {
+            let children = self.children[group as usize].iter();
+            let after = children.map(|&child| waves_before[child as usize] + 1).max().unwrap_or(1);
+            waves_before[group as usize] = after;
+            if waves.len() <= after {
+                waves.push(Vec::new());
+            }
+            waves[after].push(vec![group]);
+        }
+        waves
+    }
+
+    /// Takes the updates for the groups of a task.
+    fn with_updates(
+        &self,
+        task: Vec<u32>,
+        pending: &mut PendingUpdates,
+    ) -> (Vec<u32>, PendingUpdates) {
+        let children = task.iter().flat_map(|&group| &self.children[group as usize]);
+        let updates = children.filter_map(|child| pending.remove_entry(child)).collect();
+        (task, updates)
     }
 }
 
@@ -290,152 +476,11 @@ impl Elimination<'_> {
             if !below.is_empty() {
                 rest.insert(group, front.split(count));
             }
-            factors.push(Factor { first, count, below: below.clone(), columns: front });
+            factors.push(Factor { first, count, below: below.clone(), inside: 0, columns: front });
         }
         Ok(Some((factors, rest)))
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Returns the Laplace matrix of a grid, with `spring` added to the diagonal.
-    fn grid(width: usize, height: usize, spring: f64) -> Symmetric {
-        let mut matrix = Symmetric { starts: vec![0], indices: vec![], entries: vec![] };
-        for k in 0..width * height {
-            let (row, column) = (k / width, k % width);
-            let mut around = Vec::new();
-            if row > 0 {
-                around.push(k - width);
-            }
-            if column > 0 {
-                around.push(k - 1);
-            }
-            if column + 1 < width {
-                around.push(k + 1);
-            }
-            if row + 1 < height {
-                around.push(k + width);
-            }
-            matrix.indices.extend(around.iter().map(|&k| k as u32));
-            matrix.entries.extend(around.iter().map(|_| -1.0));
-            matrix.indices.push(k as u32);
-            matrix.entries.push(around.len() as f64 + spring);
-            matrix.starts.push(matrix.indices.len() as u32);
-        }
-        matrix
-    }
-
-    #[test]
-    fn a_solution_solves() {
-        for [width, height] in [[1, 1], [3, 2], [40, 31], [1, 300], [200, 7]] {
-            let matrix = grid(width, height, 0.01);
-            let expected: Vec<[f64; 3]> = (0..width * height)
-                .map(|k| [k as f64, libm::sin(k as f64), 1.0 / (1.0 + k as f64)])
-                .collect();
-            let mut x: Vec<[f64; 3]> = (0..expected.len())
-                .map(|row| {
-                    matrix.row(row).fold([0.0; 3], |sum, (k, entry)| {
-                        [0, 1, 2].map(|axis| sum[axis] + entry * expected[k][axis])
-                    })
-                })
-                .collect();
-            Cholesky::new(&matrix).unwrap().solve(&mut x);
-            for (x, expected) in x.iter().zip(&expected) {
-                for axis in 0..3 {
-                    let scale = (width * height) as f64;
-                    assert!((x[axis] - expected[axis]).abs() <= 1e-11 * scale, "{width} {height}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn the_order_contains_every_unknown_of_disconnected_matrices() {
-        let mut matrix = grid(30, 20, 1.0);
-        // The matrix has two grids that are not linked to each other, and an isolated unknown.
-        let other = grid(25, 25, 1.0);
-        let (rows, entries) = (600u32, matrix.indices.len() as u32);
-        matrix.starts.extend(other.starts[1..].iter().map(|start| start + entries));
-        matrix.indices.extend(other.indices.iter().map(|index| index + rows));
-        matrix.entries.extend(other.entries);
-        matrix.indices.push(600 + 625);
-        matrix.entries.push(2.0);
-        matrix.starts.push(matrix.indices.len() as u32);
-        let links = Links { starts: &matrix.starts, neighbors: &matrix.indices };
-        let mut order = Dissection::new(links, 1).order;
-        order.sort_unstable();
-        assert!(order.into_iter().eq(0..1226));
-        assert!(Cholesky::new(&matrix).is_some());
-    }
-
-    #[test]
-    fn dissection_gives_much_less_fill_than_the_given_order() {
-        let factors = Cholesky::new(&grid(100, 100, 1.0)).unwrap();
-        // With the rows in the given order, the factor would be a full band: 100 entries in each of 10 000 columns.
-        let entries: usize =
-            factors.factors.iter().map(|factor| factor.columns.entries.len()).sum();
-        assert!(entries < 500_000, "{entries}");
-    }
-
-    #[test]
-    fn unknowns_around_one_hub_give_little_fill() {
-        let count = 1000;
-        let mut matrix = Symmetric { starts: vec![0], indices: vec![], entries: vec![] };
-        for k in 0..count {
-            matrix.indices.extend([k, count]);
-            matrix.entries.extend([2.0, -1.0]);
-            matrix.starts.push(matrix.indices.len() as u32);
-        }
-        matrix.indices.extend(0..=count);
-        matrix.entries.extend((0..count).map(|_| -1.0));
-        matrix.entries.push(f64::from(count));
-        matrix.starts.push(matrix.indices.len() as u32);
-        let factors = Cholesky::new(&matrix).unwrap();
-        let entries: usize =
-            factors.factors.iter().map(|factor| factor.columns.entries.len()).sum();
-        // Each column of the factor has two entries, except in one small group. If the hub were eliminated first, the factor would have
-        // half a million entries.
-        assert!(entries < 3000, "{entries}");
-        // The solution is 1 for all unknowns: the row of a leaf gives 2 - 1 = 1, and the row of the hub gives 1000 - 1000 = 0.
-        let mut x = vec![[1.0; 3]; count as usize];
-        x.push([0.0; 3]);
-        factors.solve(&mut x);
-        assert!(x.iter().flatten().all(|x| (x - 1.0).abs() < 1e-12));
-    }
-
-    #[test]
-    fn equations_that_no_level_divides_are_solved() {
-        let count = 150;
-        let matrix = Symmetric {
-            starts: (0..=count).map(|k| k * count).collect(),
-            indices: (0..count * count).map(|k| k % count).collect(),
-            entries: (0..count)
-                .flat_map(|k| (0..count).map(move |other| if other == k { 150.0 } else { -0.5 }))
-                .collect(),
-        };
-        let mut x = vec![[150.0 - 0.5 * 149.0; 3]; count as usize];
-        Cholesky::new(&matrix).unwrap().solve(&mut x);
-        assert!(x.iter().flatten().all(|x| (x - 1.0).abs() < 1e-12));
-    }
-
-    #[test]
-    fn factors_do_not_depend_on_the_number_of_threads() {
-        let matrix = grid(60, 50, 0.01);
-        fn solve_with_threads(threads: usize, matrix: &Symmetric) -> Vec<[f64; 3]> {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let mut x = vec![[1.0, 2.0, 3.0]; 3000];
-            pool.install(|| Cholesky::new(matrix).unwrap().solve(&mut x));
-            x
-        }
-        assert_eq!(solve_with_threads(1, &matrix), solve_with_threads(3, &matrix));
-    }
-
-    #[test]
-    fn a_matrix_that_is_not_positive_definite_has_no_factors() {
-        assert!(Cholesky::new(&grid(20, 20, 0.0)).is_none());
-        assert!(Cholesky::new(&grid(20, 20, -1.0)).is_none());
-        assert!(Cholesky::new(&grid(4, 4, f64::NAN)).is_none());
-    }
-}
+mod tests;

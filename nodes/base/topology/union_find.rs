@@ -1,15 +1,18 @@
 //! Union-find: disjoint sets of numbers.
 
+use maquette_value::parallel::StopFlag;
+
 /// Disjoint sets of numbers. Each set is represented by its lowest number. Tarjan, "Efficiency of a good but not linear set union
-/// algorithm" (1975), with path halving.
+/// algorithm" (1975), with path halving. Merging stops with the running computation.
 pub struct UnionFind {
     parents: Vec<u32>,
+    stop: StopFlag,
 }
 
 impl UnionFind {
     /// Creates one set for each number less than `count`.
     pub fn new(count: usize) -> Self {
-        Self { parents: (0..count as u32).collect() }
+        Self { parents: (0..count as u32).collect(), stop: StopFlag::current() }
     }
 
     /// Returns the lowest number of the set that contains `number`.
@@ -24,6 +27,7 @@ impl UnionFind {
 
     /// Merges the sets that contain `a` and `b`.
     pub fn union(&mut self, a: u32, b: u32) {
+        self.stop.check();
         // Fast path: in most calls both numbers are already in the same set and have the same parent.
         if self.parents[a as usize] != self.parents[b as usize] {
             let [a, b] = [self.find(a), self.find(b)];
@@ -37,6 +41,7 @@ impl UnionFind {
         let mut firsts = Vec::new();
         let mut numbers = vec![0; self.parents.len()];
         for number in 0..self.parents.len() as u32 {
+            self.stop.check();
             let first = self.find(number);
             if first == number {
                 numbers[number as usize] = firsts.len() as u32;

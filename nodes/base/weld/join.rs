@@ -2,7 +2,9 @@
 
 use std::f64::consts::TAU;
 
-use maquette_value::Mesh;
+use maquette_value::parallel::*;
+use maquette_value::rng::mix;
+use maquette_value::{Faces, Mesh};
 use nalgebra::{Point3, Vector3};
 
 use crate::topology::lists::Lists;
@@ -37,7 +39,7 @@ pub(super) fn join(mesh: &Mesh, places: &[u32], may_twist: bool) -> Joined {
         })
         .filter(|edge| edge.places(places).is_some())
         .collect();
-    edges.sort_unstable_by_key(|edge| (edge.places(places), edge.ends(), edge.face, edge.from));
+    edges.par_sort_unstable_by_key(|edge| (edge.places(places), edge.ends(), edge.face, edge.from));
     let is_equal = match may_twist {
         true => equal_faces(mesh, places, &edges),
         false => vec![false; mesh.faces().len()],
@@ -121,16 +123,14 @@ fn equal_faces(mesh: &Mesh, places: &[u32], edges: &[HalfEdge]) -> Vec<bool> {
             (rotate(corners.iter().map(|&vertex| places[vertex as usize])), is_alone, face)
         })
         .collect();
-    keys.sort_unstable();
+    keys.par_sort_unstable();
     for same in keys.chunk_by(|a, b| a.0 == b.0) {
         let (first, others) = same.split_at(1);
         for (_, _, face) in others.iter().filter(|(_, is_alone, _)| *is_alone) {
             is_equal[*face as usize] = are_close(mesh, places, first[0].2, *face);
         }
     }
-    let mut twins: Vec<(Vec<u32>, u32)> =
-        (0..).zip(faces.iter()).map(|(face, it)| (rotate(it.iter().copied()), face)).collect();
-    twins.sort_unstable();
+    let twins = possible_twins(faces);
     if twins.windows(2).all(|pair| pair[0].0 != pair[1].0) {
         return is_equal;
     }
@@ -149,6 +149,32 @@ fn equal_faces(mesh: &Mesh, places: &[u32], edges: &[HalfEdge]) -> Vec<bool> {
         }
     }
     is_equal
+}
+
+/// Returns all faces that have the same vertices in the same cyclic order as another face, and perhaps some others. Each comes with its
+/// vertices, beginning with the lowest one. The list is in ascending order.
+fn possible_twins(faces: &Faces) -> Vec<(Vec<u32>, u32)> {
+    // A sum of hashes does not depend on the order of the vertices. It is enough for most faces, and needs no list for each.
+    fn hash(face: &[u32]) -> u64 {
+        face.iter().fold(0, |sum, &vertex| mix(u64::from(vertex)).wrapping_add(sum))
+    }
+    let numbers = (0..faces.len()).into_par_iter().with_min_len(1024);
+    let hashes: Vec<u64> = numbers.map(|face| hash(faces.face(face))).collect();
+    let mut sorted = hashes.clone();
+    sorted.par_sort_unstable();
+    let pairs = sorted.par_windows(2).with_min_len(1024);
+    let repeated: Vec<u64> =
+        pairs.filter(|pair| pair[0] == pair[1]).map(|pair: &[u64]| pair[0]).collect();
+    if repeated.is_empty() {
+        return Vec::new();
+    }
+    let candidates = (0..).zip(faces.iter()).zip(&hashes);
+    let mut twins: Vec<(Vec<u32>, u32)> = candidates
+        .filter(|(_, hash)| repeated.binary_search(hash).is_ok())
+        .map(|((face, corners), _)| (rotate(corners.iter().copied()), face))
+        .collect();
+    twins.sort_unstable();
+    twins
 }
 
 /// The maximum distance of corresponding corners of equal faces, as a fraction of the shortest edge.

@@ -345,3 +345,14 @@ fn thin_walls_stay_apart() {
         }
     }
 }
+
+#[test]
+fn edges_much_longer_than_walls_are_thick_are_shortened() {
+    let cup = cup(12.0, 0.5, 30.0, 64);
+    check_walls(&cup, 10.0, 40.0, "a cup with walls of 0.5 mm");
+    let (even, length) = remesh_apart(&cup, 10.0, 40.0, &Progress::silent()).unwrap();
+    assert_eq!(length, 5.0);
+    assert!(even.faces().len() < 1000, "{}", even.faces().len());
+    let (_, length) = remesh_apart(&cup, 2.0, 40.0, &Progress::silent()).unwrap();
+    assert_eq!(length, 2.0);
+}

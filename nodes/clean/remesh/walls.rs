@@ -12,14 +12,16 @@ use super::original::Original;
 const MAX_HALVINGS: usize = 12;
 
 /// Splits triangles that run through another wall. Does nothing if the original surface runs through itself, or walls are far enough apart.
+/// Returns false, and splits nothing, if more than the fraction `max_crossing` of the triangles run through walls.
 ///
 /// # Errors
 /// Returns an error if the evaluation is cancelled.
 pub(super) fn refine(
     net: &mut Net,
     original: &Original<'_>,
+    max_crossing: f64,
     progress: &Progress<'_>,
-) -> Result<(), Error> {
+) -> Result<bool, Error> {
     let triangles = net.triangles();
     let places: Vec<_> = triangles.iter().map(|(_, corners)| net.middle(*corners)).collect();
     let starts: Vec<_> =
@@ -27,7 +29,7 @@ pub(super) fn refine(
     let landings = original.sheet.land(&places, &starts);
     let has_near_walls = landings.iter().flatten().any(|landing| landing.has_nearer_wall);
     if !has_near_walls {
-        return Ok(());
+        return Ok(true);
     }
     for round in 0..MAX_HALVINGS {
         let triangles = net.triangles();
@@ -42,6 +44,9 @@ pub(super) fn refine(
             break;
         }
         let crossing: BTreeSet<u32> = crossing.into_iter().flatten().collect();
+        if round == 0 && max_crossing * (triangles.len() as f64) < crossing.len() as f64 {
+            return Ok(false);
+        }
         let sides = crossing.iter().map(|&face| net.longest_side(triangles[face as usize].0));
         // Each edge once: the lower of its half-edges. `NONE`, the twin at a border, is larger than any other.
         let edges: BTreeSet<u32> = sides.map(|h| h.min(net.twin(h))).collect();
@@ -54,7 +59,7 @@ pub(super) fn refine(
             }
         }
     }
-    Ok(())
+    Ok(true)
 }
 
 /// Moves a new vertex from the middle of its edge to its wall or its curve.

@@ -4,9 +4,10 @@ use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 use maquette_base::topology::lists::Lists;
 use maquette_base::topology::union_find::UnionFind;
 use maquette_value::Mesh;
+use maquette_value::parallel::*;
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
-use super::segment::NONE;
+use super::sides::NONE;
 
 /// Faces connected by their sides, and the positions of their corners in the plane.
 pub(super) struct Chart {
@@ -107,7 +108,8 @@ impl Chart {
     /// Each triangle is rotated to fit its flat position best (equation 5). Then all vertices move where the rotated triangles pull them
     /// (equation 6); the matrix of these equations is the cotangent Laplacian.
     pub(super) fn relax(&self) -> Option<Vec<Vector2<f64>>> {
-        let shapes: Vec<_> = self.triangles.iter().map(|it| self.shape(*it)).collect();
+        let triangles = self.triangles.par_iter().with_min_len(MIN_PART);
+        let shapes: Vec<_> = triangles.map(|it| self.shape(*it)).collect();
         let count = self.flat.len();
         let lists = Lists::group(count, || {
             self.triangles.iter().zip(&shapes).flat_map(|(triangle, shape)| {
@@ -136,25 +138,49 @@ impl Chart {
             matrix.starts.push(matrix.indices.len() as u32);
         }
         let factors = Cholesky::new(&matrix)?;
+        // For each vertex the sides of triangles that end there: 6 t + 2 k for the first end of side k of triangle t, one more for its
+        // second end.
+        let sides = Lists::group(count, || {
+            (0u32..).zip(&self.triangles).flat_map(|(index, triangle)| {
+                (0..6)
+                    .map(move |end| (triangle[(end / 2 + 1 + end % 2) % 3], 6 * index + end as u32))
+            })
+        });
+        let holds: Vec<f64> = (0..count).map(|own| hold(own, &lists)).collect();
+        let (sides, holds) = (&sides, &holds);
         let mut flat = self.flat.clone();
         for _ in 0..STEPS {
-            let mut pulls: Vec<_> = (0..count)
-                .map(|own: usize| flat[own] * hold(own, &lists))
-                .map(|it| [it.x, it.y, 0.0])
+            let placed = &flat;
+            // The pull on the first end of each side; the pull on the second end is opposite.
+            let of_triangles: Vec<[Vector2<f64>; 3]> = self
+                .triangles
+                .par_iter()
+                .zip(&shapes)
+                .with_min_len(MIN_PART)
+                .map(|(triangle, shape)| {
+                    let turn = shape.turn(triangle.map(|it| placed[it as usize]));
+                    [0, 1, 2].map(|k: usize| {
+                        let [i, j] = [(k + 1) % 3, (k + 2) % 3];
+                        turn * (shape.corners[i] - shape.corners[j]) * shape.cotangents[k]
+                    })
+                })
                 .collect();
-            for (triangle, shape) in self.triangles.iter().zip(&shapes) {
-                let turn = shape.turn(triangle.map(|it| flat[it as usize]));
-                for k in 0..3 {
-                    let [i, j] = [(k + 1) % 3, (k + 2) % 3];
-                    let pull = turn * (shape.corners[i] - shape.corners[j]) * shape.cotangents[k];
-                    for axis in 0..2 {
-                        pulls[triangle[i] as usize][axis] += pull[axis];
-                        pulls[triangle[j] as usize][axis] -= pull[axis];
-                    }
-                }
-            }
+            let of_triangles = &of_triangles;
+            let mut pulls: Vec<[f64; 2]> = (0..count)
+                .into_par_iter()
+                .with_min_len(MIN_PART)
+                .map(|own| {
+                    let held = placed[own] * holds[own];
+                    let list = sides.list(own).iter();
+                    let sum = list.fold(held, |sum, &side| {
+                        let pull = of_triangles[side as usize / 6][side as usize % 6 / 2];
+                        if side.is_multiple_of(2) { sum + pull } else { sum - pull }
+                    });
+                    [sum.x, sum.y]
+                })
+                .collect();
             factors.solve(&mut pulls);
-            flat.iter_mut().zip(&pulls).for_each(|(at, pull)| *at = Vector2::new(pull[0], pull[1]));
+            flat = pulls.into_iter().map(Vector2::from).collect();
         }
         flat.iter().all(|at| at.iter().all(|x| x.is_finite())).then_some(flat)
     }
@@ -176,6 +202,9 @@ impl Chart {
         }
     }
 }
+
+/// Minimum number of items for which a part of a loop is worth it.
+const MIN_PART: usize = 2048;
 
 /// Number of steps of relaxation: a few suffice for a nearly flat chart.
 const STEPS: usize = 20;

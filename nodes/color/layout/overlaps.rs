@@ -1,8 +1,12 @@
 //! Checks that triangles in the plane face up and do not overlap.
 
 use maquette_base::topology::lists::Lists;
+use maquette_value::parallel::*;
 use nalgebra::Vector2;
 use robust::{Coord, orient2d};
+
+/// Minimum number of items for which a part of a loop is worth it.
+const MIN_PART: usize = 2048;
 
 fn side(a: Vector2<f64>, b: Vector2<f64>, c: Vector2<f64>) -> f64 {
     let [a, b, c] = [a, b, c].map(|it| Coord { x: it.x, y: it.y });
@@ -12,9 +16,10 @@ fn side(a: Vector2<f64>, b: Vector2<f64>, c: Vector2<f64>) -> f64 {
 /// Returns true if all triangles are counter-clockwise, and no two of them share more than a part of their borders. Uses exact predicates
 /// (Shewchuk, "Adaptive precision floating-point arithmetic and fast robust geometric predicates", 1997).
 pub(super) fn are_free_of_overlaps(triangles: &[[u32; 3]], places: &[Vector2<f64>]) -> bool {
-    let all: Vec<_> =
-        triangles.iter().map(|triangle| triangle.map(|it| places[it as usize])).collect();
-    all.iter().all(|&[a, b, c]| side(a, b, c) > 0.0) && overlap(&all).is_none()
+    let triangles = triangles.par_iter().with_min_len(MIN_PART);
+    let all: Vec<_> = triangles.map(|triangle| triangle.map(|it| places[it as usize])).collect();
+    all.par_iter().with_min_len(MIN_PART).all(|&[a, b, c]| side(a, b, c) > 0.0)
+        && overlap(&all).is_none()
 }
 
 /// Finds two counter-clockwise triangles whose interiors overlap, that is, no side of either triangle separates them. Only triangles in the
@@ -48,24 +53,23 @@ pub(crate) fn overlap(triangles: &[[Vector2<f64>; 3]]) -> Option<[u32; 2]> {
             })
         })
     });
-    for own in 0..lists.len() {
-        for (k, &a) in lists.list(own).iter().enumerate() {
-            for &b in &lists.list(own)[k + 1..] {
-                let [one, other] = [a, b].map(|it| boxes[it as usize]);
-                // Test each pair only once: in the cell that contains the lower corner of the intersection of the two bounding boxes.
-                let [column, row] = cell_of(one[0].sup(&other[0]), &whole, size, counts);
-                let is_apart = (0..2)
-                    .any(|axis| one[1][axis] <= other[0][axis] || other[1][axis] <= one[0][axis]);
-                if !is_apart
-                    && row * counts[0] + column == own
-                    && meet(triangles[a as usize], triangles[b as usize])
-                {
-                    return Some([a, b]);
-                }
-            }
-        }
-    }
-    None
+    let (boxes, lists) = (&boxes, &lists);
+    let cells = (0..lists.len()).into_par_iter().with_min_len(MIN_PART);
+    cells.find_map_first(|own| {
+        let list = lists.list(own);
+        let mut pairs =
+            (0..list.len()).flat_map(|k| list[k + 1..].iter().map(move |&other| [list[k], other]));
+        pairs.find(|&[a, b]| {
+            let [one, other] = [a, b].map(|it| boxes[it as usize]);
+            // Test each pair only once: in the cell that contains the lower corner of the intersection of the two bounding boxes.
+            let [column, row] = cell_of(one[0].sup(&other[0]), &whole, size, counts);
+            let is_apart =
+                (0..2).any(|axis| one[1][axis] <= other[0][axis] || other[1][axis] <= one[0][axis]);
+            !is_apart
+                && row * counts[0] + column == own
+                && meet(triangles[a as usize], triangles[b as usize])
+        })
+    })
 }
 
 /// Returns true if the interiors of two counter-clockwise triangles intersect.

@@ -1,6 +1,7 @@
 //! Packs charts into a square, without overlap.
 
 use maquette_node::{CancelledError, Progress};
+use maquette_value::parallel::*;
 use nalgebra::Vector2;
 
 /// A chart to be packed.
@@ -43,7 +44,7 @@ pub(super) fn pack(
     padding: usize,
     progress: &Progress<'_>,
 ) -> Result<Option<PackedCharts>, CancelledError> {
-    let pieces: Vec<_> = pieces.iter().map(upright).collect();
+    let pieces: Vec<_> = pieces.par_iter().map(upright).collect();
     let block = size.div_ceil(PLACES);
     let square = Square { blocks: size / block, block: block as f64, margin: padding as f64 / 2.0 };
     let area: f64 = pieces.iter().map(|piece| piece.area).sum();
@@ -214,15 +215,22 @@ impl Square {
         let mut longest = vec![self.blocks; self.blocks];
         // The size of the last piece whose search began at the lowest row, and the row in which that piece was placed.
         let (mut searched, mut begin) = ([usize::MAX / 9; 2], 0);
+        if pieces
+            .iter()
+            .any(|piece| self.blocks_of(piece, scale).iter().any(|&it| self.blocks < it))
+        {
+            return Ok(None);
+        }
+        let covers = pieces
+            .par_iter()
+            .map(|piece| runs(&self.cover(piece, scale, self.blocks_of(piece, scale))));
+        let covers: Vec<_> = covers.collect();
         let mut spots = vec![Spot { turn: 0, at: [0, 0] }; pieces.len()];
         for &index in order {
             progress.check()?;
             let piece = &pieces[index];
             let counts = self.blocks_of(piece, scale);
-            if counts.iter().any(|&count| self.blocks < count) {
-                return Ok(None);
-            }
-            let runs = runs(&self.cover(piece, scale, counts));
+            let runs = &covers[index];
             let sides = [counts[0].max(counts[1]), counts[0].min(counts[1])];
             if (0..2).any(|k| 10 * sides[k] < 9 * searched[k]) {
                 (searched, begin) = (sides, 0);
@@ -230,7 +238,7 @@ impl Square {
             let mut best: Option<(usize, Spot, Vec<Run>)> = None;
             for turn in 0..4 {
                 let [width, height] = if turn % 2 == 0 { counts } else { [counts[1], counts[0]] };
-                let mut runs = rotate(&runs, counts, turn);
+                let mut runs = rotate(runs, counts, turn);
                 // Test the longest run of blocks first, because it fits least often.
                 runs.sort_by_key(|run| (self.blocks - run[2], run[0]));
                 let most = best.as_ref().map_or(self.blocks, |best| best.0 - 1);

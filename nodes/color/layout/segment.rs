@@ -7,47 +7,16 @@ use maquette_base::topology::lists::Lists;
 use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{CancelledError, Progress};
 use maquette_value::Mesh;
+use maquette_value::parallel::*;
 use nalgebra::Vector3;
 
-/// Index of a corner that does not exist.
-pub(super) const NONE: u32 = u32::MAX;
+use super::clusters::{Cluster, Clusters, Criterion, FEW};
+use super::sides::{NONE, side_lengths};
 
-/// Returns, for each side of a face (identified by its first corner), the side of the adjacent face along the same edge. It is [`NONE`] at
-/// borders, at edges with more than two faces, and if the adjacent face has the opposite orientation.
-pub(super) fn opposites(mesh: &Mesh) -> Vec<u32> {
-    let edges = mesh.edges();
-    let corners = mesh.faces().corners();
-    let mut first = vec![NONE; edges.vertices.len()];
-    let mut opposites = vec![NONE; corners.len()];
-    for (corner, &edge) in (0u32..).zip(&edges.of_corner) {
-        match first[edge as usize] {
-            NONE => first[edge as usize] = corner,
-            other => {
-                let is_same_way = corners[other as usize] == corners[corner as usize];
-                if edges.faces[edge as usize] == 2 && !is_same_way {
-                    opposites[other as usize] = corner;
-                    opposites[corner as usize] = other;
-                }
-            }
-        }
-    }
-    opposites
-}
-
-/// Returns the face of each corner.
-pub(super) fn faces_of_corners(mesh: &Mesh) -> Vec<u32> {
-    let faces = (0u32..).zip(mesh.faces().iter());
-    faces.flat_map(|(number, face)| std::iter::repeat_n(number, face.len())).collect()
-}
-
-/// A set of connected faces.
+/// A cluster in the queue.
 #[derive(Default)]
-struct Cluster {
-    area: f64,
-    /// The sum of the faces' area vectors. Its length equals the area for a flat cluster, and is smaller for a bent one.
-    vector: Vector3<f64>,
-    /// The length of the cluster's border, in mm.
-    rim: f64,
+struct Queued {
+    cluster: Cluster,
     /// The length of the common border with each neighboring cluster, in mm.
     around: BTreeMap<u32, f64>,
     /// The number of changes of the cluster. By this number, outdated pairs in the queue are recognized.
@@ -82,63 +51,73 @@ impl PartialEq for Merging {
 
 impl Eq for Merging {}
 
-/// Weight of the squared border length of a merged cluster, relative to the deviation of its normals. With this weight, the rounder result
-/// is preferred if the clusters meet at an angle of up to about 16 degrees.
-const ROUNDNESS: f64 = 0.01;
-
 /// Returns the faces of each chart, in ascending order. `flatness` is the minimum ratio of a chart's area projected along its mean normal
 /// to its area.
 ///
 /// Pairs of neighboring clusters are merged, beginning with those that stay flat and round: Garland, Willmott and Heckbert, "Hierarchical
 /// face clustering on polygonal surfaces" (2001). The cost is the deviation of normals of Cohen-Steiner, Alliez and Desbrun, "Variational
-/// shape approximation" (2004): `|V1| + |V2| - |V1 + V2|` for the sums `V1` and `V2` of area vectors of the two clusters. Then borders are
-/// straightened. The time is O(n log n).
+/// shape approximation" (2004): `|V1| + |V2| - |V1 + V2|` for the sums `V1` and `V2` of area vectors of the two clusters. Many clusters are
+/// merged in rounds on all threads, the last few pair by pair. Then borders are straightened. The time is O(n log n).
 pub(super) fn segment(
     mesh: &Mesh,
     opposites: &[u32],
+    of_corner: &[u32],
     flatness: f64,
     progress: &Progress<'_>,
 ) -> Result<Vec<Vec<u32>>, CancelledError> {
-    let of_corner = faces_of_corners(mesh);
     let lengths = side_lengths(mesh);
-    let mut clusters: Vec<_> = mesh
-        .faces()
-        .iter()
-        .map(|face| {
-            let vector = mesh.area_vector(face);
-            Cluster { area: vector.norm(), vector, ..Cluster::default() }
-        })
-        .collect();
-    for (corner, &opposite) in opposites.iter().enumerate() {
-        let own = of_corner[corner];
-        clusters[own as usize].rim += lengths[corner];
-        if opposite != NONE && of_corner[opposite as usize] != own {
-            let around = &mut clusters[own as usize].around;
-            *around.entry(of_corner[opposite as usize]).or_default() += lengths[corner];
+    let mut clusters = Clusters::new(mesh, opposites, of_corner, &lengths);
+    let criterion = Criterion::new(flatness, &clusters.all);
+    let count = clusters.all.len();
+    while ROUNDS_FROM <= count && FEW < clusters.all.len() {
+        progress.tick(1.0 - clusters.all.len() as f64 / count as f64)?;
+        let before = clusters.all.len();
+        if clusters.merge_cheapest(&criterion) * MAX_ROUNDS < before {
+            break;
         }
     }
-    // A pair of faces without area gets the cost of a very small face.
-    let least = clusters.iter().map(|it| it.area).sum::<f64>() * 1e-12;
-    fn merging(clusters: &[Cluster], a: u32, b: u32, flatness: f64, least: f64) -> Option<Merging> {
-        let [own, other] = [a, b].map(|it| &clusters[it as usize]);
-        let (area, vector) = (own.area + other.area, own.vector + other.vector);
-        let rim = own.rim + other.rim - 2.0 * own.around[&b];
-        let bent = own.vector.norm() + other.vector.norm() - vector.norm();
-        (flatness * area <= vector.norm()).then(|| Merging {
-            cost: (bent.max(0.0) + ROUNDNESS * rim * rim) / area.max(least),
-            pair: [a, b],
-            versions: [own.version, other.version],
+    let merged = merge_in_order(&clusters, &criterion, count, progress)?;
+    let of_face = clusters.of_face.par_iter().with_min_len(4096);
+    let mut charts: Vec<u32> = of_face.map(|&cluster| merged[cluster as usize]).collect();
+    straighten(mesh, opposites, of_corner, &lengths, flatness, &mut charts);
+    let count = charts.iter().max().map_or(0, |&last| last as usize + 1);
+    let lists = Lists::group(count, || charts.iter().copied().zip(0..));
+    Ok((0..count).map(|chart| lists.list(chart).to_vec()).filter(|it| !it.is_empty()).collect())
+}
+
+/// Number of faces from which on clusters are merged in rounds.
+const ROUNDS_FROM: usize = 2 * FEW;
+
+/// The rounds end when one would merge fewer than one of so many clusters.
+const MAX_ROUNDS: usize = 100;
+
+/// Merges pairs of clusters, always the one with the lowest cost, until all results would be too bent. Returns the chart of each cluster.
+/// `count` is the number of faces.
+fn merge_in_order(
+    all: &Clusters,
+    criterion: &Criterion,
+    count: usize,
+    progress: &Progress<'_>,
+) -> Result<Vec<u32>, CancelledError> {
+    let mut clusters: Vec<_> = (0..)
+        .zip(&all.all)
+        .map(|(index, &cluster)| {
+            let around = all.around.list(index).iter().copied().collect();
+            Queued { cluster, around, version: 0 }
         })
+        .collect();
+    fn merging(clusters: &[Queued], a: u32, b: u32, criterion: &Criterion) -> Option<Merging> {
+        let [own, other] = [a, b].map(|it| &clusters[it as usize]);
+        let cost = criterion.cost(&own.cluster, &other.cluster, own.around[&b])?;
+        Some(Merging { cost, pair: [a, b], versions: [own.version, other.version] })
     }
     let mut heap = BinaryHeap::new();
     for own in 0..clusters.len() as u32 {
         let later = clusters[own as usize].around.range(own + 1..);
-        heap.extend(
-            later.filter_map(|(&other, _)| merging(&clusters, own, other, flatness, least)),
-        );
+        heap.extend(later.filter_map(|(&other, _)| merging(&clusters, own, other, criterion)));
     }
     let mut sets = UnionFind::new(clusters.len());
-    let mut done = 0usize;
+    let mut done = count - clusters.len();
     while let Some(Merging { pair: [a, b], versions, .. }) = heap.pop() {
         // Skip an outdated pair: one of its clusters has changed since the pair was queued.
         if [a, b].map(|it| clusters[it as usize].version) != versions {
@@ -146,49 +125,24 @@ pub(super) fn segment(
         }
         done += 1;
         if done.is_multiple_of(1024) {
-            progress.tick(done as f64 / clusters.len() as f64)?;
+            progress.tick(done as f64 / count as f64)?;
         }
         sets.union(a, b);
         join(&mut clusters, a, b);
         let around = clusters[a as usize].around.keys();
         heap.extend(
-            around.filter_map(|&other| {
-                merging(&clusters, a.min(other), a.max(other), flatness, least)
-            }),
+            around.filter_map(|&other| merging(&clusters, a.min(other), a.max(other), criterion)),
         );
     }
-    let (mut charts, _) = sets.into_labels();
-    straighten(mesh, opposites, &of_corner, &lengths, flatness, &mut charts);
-    let count = charts.iter().max().map_or(0, |&last| last as usize + 1);
-    let lists = Lists::group(count, || charts.iter().copied().zip(0..));
-    Ok((0..count).map(|chart| lists.list(chart).to_vec()).filter(|it| !it.is_empty()).collect())
-}
-
-/// Returns the length of each side of each face, in mm.
-fn side_lengths(mesh: &Mesh) -> Vec<f64> {
-    fn place(vertex: &u32, mesh: &Mesh) -> nalgebra::Point3<f64> {
-        mesh.positions()[*vertex as usize]
-    }
-    mesh.faces()
-        .iter()
-        .flat_map(|face| {
-            let next = face[1..].iter().chain(&face[..1]);
-            face.iter()
-                .zip(next)
-                .map(|(a, b)| (place(b, mesh) - place(a, mesh)).norm())
-                .collect::<Vec<_>>()
-        })
-        .collect()
+    Ok(sets.into_labels().0)
 }
 
 /// Merges the cluster `b` into `a`.
-fn join(clusters: &mut [Cluster], a: u32, b: u32) {
+fn join(clusters: &mut [Queued], a: u32, b: u32) {
     let mut other = std::mem::take(&mut clusters[b as usize]);
     clusters[b as usize].version = u32::MAX;
     let own = &mut clusters[a as usize];
-    own.area += other.area;
-    own.vector += other.vector;
-    own.rim += other.rim - 2.0 * own.around[&b];
+    own.cluster = own.cluster.merged(&other.cluster, own.around[&b]);
     own.version += 1;
     own.around.remove(&b);
     other.around.remove(&a);
@@ -228,10 +182,17 @@ fn straighten(
         flatness * area <= vector.norm()
     }
     for _ in 0..ROUNDS {
-        for face in 0..charts.len() {
+        for face in (0..charts.len()).until_stopped() {
             let own = charts[face];
             let first = mesh.faces().first_corner(face);
             let sides = first..first + mesh.faces().face(face).len();
+            let is_inside = sides.clone().all(|side| {
+                opposites[side] == NONE
+                    || charts[of_corner[opposites[side] as usize] as usize] == own
+            });
+            if is_inside {
+                continue;
+            }
             let mut around: BTreeMap<u32, (usize, f64)> = BTreeMap::new();
             for side in sides.filter(|&side| opposites[side] != NONE) {
                 let chart = charts[of_corner[opposites[side] as usize] as usize];

@@ -217,6 +217,24 @@ fn the_layout_is_the_same_on_any_number_of_threads() {
 }
 
 #[test]
+fn a_large_mesh_has_charts_as_small_ones_have() {
+    // The torus has so many faces that clusters of them are merged in rounds.
+    let mesh = torus(160, 70);
+    assert!(mesh.faces().len() >= 20_000);
+    let laid = [1, 3].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| lay_out(&mesh, &Layout::default(), &Progress::silent()).unwrap())
+    });
+    assert_eq!(laid[0].mesh, laid[1].mesh);
+    check_layout(&mesh, &laid[0], &Layout::default());
+    let small = lie(&torus(60, 30), &Layout::default());
+    let [large, few] = [laid[0].charts, small.charts];
+    assert!(large <= 2 * few, "{large} charts, {few} of the small mesh");
+    let [least, most] = stretch(&laid[0], Layout::default().size);
+    assert!(0.4 < least && most < 1.6, "{least} {most}");
+}
+
+#[test]
 fn unsuitable_meshes_are_errors() {
     fn error(mesh: &Mesh, layout: Layout) -> String {
         lay_out(mesh, &layout, &Progress::silent()).unwrap_err().to_string()

@@ -91,7 +91,7 @@ impl Intersections {
             })
             .collect::<Result<_, Error>>()?;
         self.pairs.extend(found.into_iter().flatten());
-        self.pairs.sort_unstable();
+        self.pairs.par_sort_unstable();
         Ok(())
     }
 

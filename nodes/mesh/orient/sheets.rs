@@ -3,6 +3,7 @@
 use maquette_base::topology::lists::Lists;
 use maquette_node::{Error, bail};
 use maquette_value::Mesh;
+use maquette_value::parallel::StopFlag;
 
 /// The connected parts of a mesh. Two faces are connected if they share an edge that no third face uses.
 pub(super) struct Sheets {
@@ -40,6 +41,7 @@ impl Sheets {
         let mut of_face = vec![u32::MAX; count];
         let mut is_turned = vec![false; count];
         let mut is_closed = Vec::new();
+        let stop = StopFlag::current();
         for start in 0..count {
             if of_face[start] != u32::MAX {
                 continue;
@@ -51,6 +53,7 @@ impl Sheets {
             let mut torn = Vec::new();
             while let Some(&face) = flooded.get(next) {
                 next += 1;
+                stop.check();
                 let corners = mesh.faces().first_corner(face);
                 for corner in corners..corners + mesh.faces().face(face).len() {
                     let edge = edges.of_corner[corner] as usize;

@@ -66,7 +66,8 @@ pub(super) fn outward_sides(mesh: &Mesh, sheets: &Sheets) -> Vec<f64> {
 }
 
 fn bounds(mesh: &Mesh, faces: &[u32]) -> (Point3<f64>, Point3<f64>) {
-    let corners = faces.iter().flat_map(|&face| mesh.faces().face(face as usize));
+    let faces = faces.iter().until_stopped();
+    let corners = faces.flat_map(|&face| mesh.faces().face(face as usize));
     let places = corners.map(|&vertex| mesh.positions()[vertex as usize]);
     let infinite = Vector3::from_element(f64::INFINITY);
     let nothing = (Point3::from(infinite), Point3::from(-infinite));
@@ -75,7 +76,8 @@ fn bounds(mesh: &Mesh, faces: &[u32]) -> (Point3<f64>, Point3<f64>) {
 
 /// Returns six times the volume that closed faces enclose, computed relative to the point `near`; negative if the faces look inward.
 fn volume(mesh: &Mesh, faces: &[u32], near: Point3<f64>) -> f64 {
-    let triangles = faces.iter().flat_map(|&face| fan(mesh, mesh.faces().face(face as usize)));
+    let faces = faces.iter().until_stopped();
+    let triangles = faces.flat_map(|&face| fan(mesh, mesh.faces().face(face as usize)));
     triangles
         .map(|corners| corners.map(|corner| corner - near))
         .map(|[a, b, c]| a.dot(&b.cross(&c)))
@@ -85,7 +87,7 @@ fn volume(mesh: &Mesh, faces: &[u32], near: Point3<f64>) -> f64 {
 /// Returns the winding number of faces around a point: the sum of their solid angles divided by 4 pi. The face `on`, which contains the
 /// point, is left out.
 fn winding(mesh: &Mesh, faces: &[u32], at: Point3<f64>, on: Option<u32>) -> f64 {
-    let others = faces.iter().filter(|face| Some(**face) != on);
+    let others = faces.iter().until_stopped().filter(|face| Some(**face) != on);
     let triangles = others.flat_map(|&face| fan(mesh, mesh.faces().face(face as usize)));
     let halves = triangles.map(|corners| half_solid_angle(corners, &at));
     halves.sum::<f64>() / std::f64::consts::TAU
@@ -98,16 +100,17 @@ fn winding(mesh: &Mesh, faces: &[u32], at: Point3<f64>, on: Option<u32>) -> f64 
 fn bulge(mesh: &Mesh, faces: &[u32]) -> f64 {
     let judges = (SOLID_ANGLES / faces.len()).clamp(*SAMPLED_FACES.start(), *SAMPLED_FACES.end());
     let step = faces.len().div_ceil(judges);
-    let mut judged = (0.0, 0.0);
-    for &face in faces.iter().step_by(step) {
+    let sampled: Vec<u32> = faces.iter().step_by(step).copied().collect();
+    let judged = sampled.par_iter().map(|&face| {
         let corners = mesh.faces().face(face as usize);
         let first = fan(mesh, corners).next().expect("a face has three corners");
         let middle = first.iter().map(|corner| corner.coords).sum::<Vector3<f64>>() / 3.0;
         let area = mesh.area_vector(corners).norm();
-        judged.0 += area * winding(mesh, faces, middle.into(), Some(face));
-        judged.1 += area;
-    }
-    let mean = judged.0 / judged.1;
+        (area * winding(mesh, faces, middle.into(), Some(face)), area)
+    });
+    let judged: Vec<(f64, f64)> = judged.collect();
+    let sum = judged.iter().fold((0.0, 0.0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
+    let mean = sum.0 / sum.1;
     if mean.abs() >= MIN_BULGE { mean } else { 0.0 }
 }
 

@@ -231,10 +231,9 @@ struct System<'a> {
 
 impl<'a> System<'a> {
     fn new(equations: &'a [Equation], neighbors: &'a Neighbors, stiffness: f64) -> Self {
-        let of_vertices = Lists::group(neighbors.len(), || {
-            (0u32..).zip(equations).flat_map(|(number, equation)| {
-                (0u8..).zip(equation.vertices).map(move |(k, vertex)| (vertex, (number, k)))
-            })
+        let of_vertices = Lists::group_all(neighbors.len(), equations.len(), |number| {
+            let vertices = (0u8..).zip(equations[number].vertices);
+            vertices.map(move |(k, vertex)| (vertex, (number as u32, k)))
         });
         Self { equations, of_vertices, neighbors, stiffness }
     }

@@ -217,21 +217,21 @@ fn sums(pyramid: &Pyramid, surfels: &[Surfel], depth: u32) -> Vec<Sum> {
         })
         .collect();
     keys.par_sort_unstable();
-    let mut sums = Vec::new();
-    for cell in keys.chunk_by(|a, b| a.0 == b.0) {
+    let cells: Vec<&[(u64, u32)]> = keys.chunk_by(|a, b| a.0 == b.0).collect();
+    let cells = cells.par_iter().with_min_len(BLOCK).map(|cell: &&[(u64, u32)]| {
         let of_cell = cell.iter().map(|&(_, place)| &surfels[place as usize]);
         let area: f64 = of_cell.clone().map(|surfel| surfel.area).sum();
         let mean: Vector3<f64> =
             of_cell.clone().map(|surfel| surfel.at.coords * (surfel.area / area)).sum();
-        sums.push(Sum {
+        Sum {
             cell: [cell[0].0 as u16, (cell[0].0 >> 16) as u16, (cell[0].0 >> 32) as u16],
             at: cube.in_cells(&Point3::from(mean), depth),
             area,
             normal: of_cell.clone().map(|surfel| surfel.normal * surfel.area).sum(),
             spacing: of_cell.clone().map(|surfel| surfel.spacing).fold(f64::INFINITY, f64::min),
-        });
-    }
-    sums
+        }
+    });
+    cells.collect()
 }
 
 /// The linear equations for the grid of one depth.
@@ -356,19 +356,19 @@ impl PoissonLevel {
             })
             .collect();
         let held = &self.held;
-        self.held_at = Lists::group(self.nodes.len(), || {
-            (0..held.len()).flat_map(|cell: usize| {
-                let numbered = held[cell].0.into_iter().zip(0u8..);
-                numbered.map(move |(node, corner)| (node, (cell as u32, corner)))
-            })
+        self.held_at = Lists::group_all(self.nodes.len(), held.len(), |cell| {
+            let numbered = held[cell].0.into_iter().zip(0u8..);
+            numbered.map(move |(node, corner)| (node, (cell as u32, corner)))
         });
         let root = (screening / self.edge).sqrt();
         let target: Vec<f64> = sums
-            .iter()
-            .filter(|sum| self.nodes.corners(sum.cell.map(i32::from)).is_some())
+            .par_iter()
+            .with_min_len(BLOCK)
+            .filter(|sum: &&Sum| self.nodes.corners(sum.cell.map(i32::from)).is_some())
             .map(|sum| SURFACE * root * sum.area.sqrt())
             .collect();
-        let pulls: Vec<f64> = self.free.iter().map(|&node| self.pull(node, &target)).collect();
+        let free = self.free.par_iter().with_min_len(BLOCK);
+        let pulls: Vec<f64> = free.map(|&node| self.pull(node, &target)).collect();
         self.right.iter_mut().zip(pulls).for_each(|(right, pull)| *right += pull);
     }
 
@@ -429,12 +429,12 @@ impl PoissonLevel {
             })
             .collect();
         let left = self.left_sides(&self.values);
-        let mut residual: Vec<f64> = self.right.iter().zip(&left).map(|(r, l)| r - l).collect();
+        let mut residual = combine(&self.right, &left, |r, l| r - l);
         let mut way = vec![0.0; self.values.len()];
         let (mut squared, mut first) = (0.0, 0.0);
         for step in 0..steps {
             progress.check()?;
-            let scaled: Vec<f64> = residual.iter().zip(&diagonal).map(|(r, d)| r / d).collect();
+            let scaled = combine(&residual, &diagonal, |r, d| r / d);
             let last = squared;
             squared = dot(&residual, &scaled);
             if step == 0 {
@@ -444,16 +444,13 @@ impl PoissonLevel {
                 break;
             }
             let ratio = if step == 0 { 0.0 } else { squared / last };
-            for (&node, scaled) in self.free.iter().zip(&scaled) {
-                way[node as usize] = way[node as usize] * ratio + scaled;
-            }
+            update(&self.free, &mut way, |way, k| way * ratio + scaled[k]);
             let left = self.left_sides(&way);
-            let on_way: Vec<f64> = self.free.iter().map(|&node| way[node as usize]).collect();
+            let free = self.free.par_iter().with_min_len(BLOCK);
+            let on_way: Vec<f64> = free.map(|&node| way[node as usize]).collect();
             let length = squared / dot(&on_way, &left);
-            for (k, &node) in self.free.iter().enumerate() {
-                self.values[node as usize] += length * on_way[k];
-                residual[k] -= length * left[k];
-            }
+            update(&self.free, &mut self.values, |value, k| value + length * on_way[k]);
+            residual = combine(&residual, &left, |r, l| r - length * l);
         }
         Ok(())
     }
@@ -463,6 +460,26 @@ impl PoissonLevel {
 /// `K` is 0.
 const EDGES: [usize; 12] = [1, 3, 5, 7, 9, 11, 15, 17, 19, 21, 23, 25];
 const CORNERS: [usize; 8] = [0, 2, 6, 8, 18, 20, 24, 26];
+
+/// Combines the entries of two lists.
+fn combine(a: &[f64], b: &[f64], f: impl Fn(f64, f64) -> f64 + Sync) -> Vec<f64> {
+    let f = &f;
+    a.par_iter().zip(b).with_min_len(BLOCK).map(|(&a, &b): (&f64, &f64)| f(a, b)).collect()
+}
+
+/// Replaces the values of the nodes `free`, which are ascending. The arguments of `f` are a value and its position in `free`.
+fn update(free: &[u32], values: &mut [f64], f: impl Fn(f64, usize) -> f64 + Sync) {
+    values.par_chunks_mut(BLOCK).enumerate().for_each(|(block, values): (usize, &mut [f64])| {
+        let first = block * BLOCK;
+        let begin = free.partition_point(|&node| (node as usize) < first);
+        let end = first + values.len();
+        let own = (begin..free.len()).zip(&free[begin..]);
+        for (k, &node) in own.take_while(|(_, node)| (**node as usize) < end) {
+            let value = &mut values[node as usize - first];
+            *value = f(*value, k);
+        }
+    });
+}
 
 /// Returns a dot product whose rounding does not depend on the number of threads.
 fn dot(a: &[f64], b: &[f64]) -> f64 {

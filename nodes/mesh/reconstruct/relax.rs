@@ -82,7 +82,9 @@ impl Neighbors {
             .collect();
         edges.par_sort_unstable();
         edges.dedup();
-        Self(Lists::group(skin.positions.len(), || edges.iter().copied()))
+        Self(Lists::group_all(skin.positions.len(), edges.len(), |edge| {
+            std::iter::once(edges[edge])
+        }))
     }
 
     pub(super) fn len(&self) -> usize {

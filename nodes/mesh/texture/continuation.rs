@@ -4,6 +4,7 @@ use maquette_base::linear::membrane::Membrane;
 use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{Error, Progress};
 use maquette_range::{JUMP, MAX_SHADOW_CELLS, fill_range};
+use maquette_value::parallel::ParallelSliceMut;
 use maquette_value::{Attribute, Image, Mesh, RangeImage};
 use nalgebra::Point3;
 
@@ -188,7 +189,7 @@ fn unseen_parts(mesh: &Mesh, is_seen: &[bool]) -> Vec<Vec<u32>> {
             Some((parts.find(*unseen), number))
         })
         .collect();
-    faces.sort_unstable();
+    faces.par_sort_unstable();
     faces.chunk_by(|a, b| a.0 == b.0).map(|part| part.iter().map(|it| it.1).collect()).collect()
 }
 

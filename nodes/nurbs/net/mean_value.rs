@@ -4,6 +4,8 @@
 //! Computer Aided Geometric Design 20 (2003), eq. 2.1. Because the weights are positive, the map is one-to-one (Tutte, "How to draw a
 //! graph", 1963). If the map of the border is affine, the whole map is.
 
+use maquette_value::parallel::*;
+
 use crate::grid::disk::Disk;
 
 /// Tolerance of the solver: the residual as a fraction of the polygon's size. Rounding errors are about 1e-15.
@@ -48,7 +50,7 @@ impl System {
         let mut on_border = vec![false; count];
         disk.border.iter().for_each(|&vertex| on_border[vertex as usize] = true);
         let mut weights: Vec<(u32, u32, f64)> = Vec::with_capacity(6 * disk.triangles.len());
-        for triangle in &disk.triangles {
+        for triangle in disk.triangles.iter().until_stopped() {
             for corner in 0..3 {
                 let [i, j, k] = [0, 1, 2].map(|step| triangle[(corner + step) % 3]);
                 if on_border[i as usize] {
@@ -67,7 +69,11 @@ impl System {
                 weights.push((i, k, tangent / length_b));
             }
         }
-        weights.sort_unstable_by_key(|&(i, j, _)| (i, j));
+        let stop = StopFlag::current();
+        weights.sort_unstable_by_key(|&(i, j, _)| {
+            stop.check();
+            (i, j)
+        });
         let mut system = Self { inner: Vec::new(), starts: vec![0], terms: Vec::new(), count };
         for row in weights.chunk_by(|a, b| a.0 == b.0) {
             let sum: f64 = row.iter().map(|(_, _, weight)| weight).sum();
@@ -89,7 +95,8 @@ impl System {
 
     /// Returns the residuals: for each inner vertex, the weighted mean of its neighbors minus the vertex's own value.
     fn residual(&self, x: &[f64]) -> Vec<f64> {
-        (0..self.inner.len()).map(|row| self.mean(row, x) - x[self.inner[row] as usize]).collect()
+        let rows = (0..self.inner.len()).into_par_iter().with_min_len(4096);
+        rows.map(|row| self.mean(row, x) - x[self.inner[row] as usize]).collect()
     }
 
     /// Solves the system by the stabilized biconjugate gradient method: van der Vorst, "Bi-CGSTAB" (1992), whose variable names are used.
@@ -108,7 +115,7 @@ impl System {
             self.iterate(x, most, &mut steps);
         }
         for _ in 0..ROUNDS {
-            for row in 0..n {
+            for row in (0..n).until_stopped() {
                 x[self.inner[row] as usize] = self.mean(row, x);
             }
         }
@@ -120,7 +127,8 @@ impl System {
     /// initially 0.
     fn multiply(&self, p: &[f64], whole: &mut [f64]) -> Vec<f64> {
         self.inner.iter().zip(p).for_each(|(&vertex, &p)| whole[vertex as usize] = p);
-        (0..self.inner.len()).map(|row| p[row] - self.mean(row, whole)).collect()
+        let (whole, rows) = (&*whole, 0..self.inner.len());
+        rows.into_par_iter().with_min_len(4096).map(|row| p[row] - self.mean(row, whole)).collect()
     }
 
     fn iterate(&self, x: &mut [f64], most: usize, steps: &mut usize) {

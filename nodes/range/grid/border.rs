@@ -47,10 +47,10 @@ impl Border {
     /// border; other vertices are not examined.
     pub(crate) fn new(faces: &[[u32; 3]], may_be: impl Fn(u32) -> bool) -> Self {
         let mut edges: Vec<[u32; 2]> =
-            (faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]))
+            (faces.iter().until_stopped().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]))
                 .filter(|&[from, to]| may_be(from) && may_be(to))
                 .collect();
-        edges.sort_unstable();
+        edges.par_sort_unstable();
         fn has(edge: [u32; 2], edges: &[[u32; 2]]) -> bool {
             edges.binary_search(&edge).is_ok()
         }

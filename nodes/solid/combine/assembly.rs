@@ -2,6 +2,7 @@
 
 use maquette_base::linear::attribute_transfer::AttributeTransfer;
 use maquette_base::linear::stencils::Stencils;
+use maquette_value::parallel::*;
 use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 
@@ -72,11 +73,12 @@ pub(super) fn assemble(
     // Number the used vertices in their old order, without gaps.
     let count = vertices.count();
     let mut places = vec![u32::MAX; count];
-    corners.iter().for_each(|corner| places[corner.0 as usize] = 0);
+    corners.iter().until_stopped().for_each(|corner| places[corner.0 as usize] = 0);
     let kept: Vec<_> = (0..count as u32).filter(|&it| places[it as usize] == 0).collect();
     (0..).zip(&kept).for_each(|(place, &vertex)| places[vertex as usize] = place);
-    let numbers = corners.iter().map(|corner| places[corner.0 as usize]).collect();
-    let positions: Vec<_> = kept.iter().map(|&vertex| vertices.position(vertex)).collect();
+    let numbers = corners.par_iter().map(|corner| places[corner.0 as usize]).collect();
+    let positions = kept.iter().until_stopped().map(|&vertex| vertices.position(vertex));
+    let positions: Vec<_> = positions.collect();
     let mut mesh = Mesh::new(positions, Faces::polygons(&sides, numbers)?)?
         .with_creases(vertices.creases(&places))?
         .with_materials(of.materials().clone())
@@ -114,7 +116,7 @@ pub(super) fn assemble(
 fn rows<T>(items: impl Iterator<Item = T>, of: impl Fn(T, &mut Vec<(u32, f64)>)) -> Stencils {
     let (mut starts, mut indices, mut weights) = (vec![0], Vec::new(), Vec::new());
     let mut row = Vec::new();
-    for item in items {
+    for item in items.until_stopped() {
         of(item, &mut row);
         for (index, weight) in row.drain(..) {
             indices.push(index);

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use maquette_base::topology::lists::Lists;
+use maquette_value::parallel::UntilStopped;
 use maquette_value::{Mesh, MeshError};
 use nalgebra::{Point3, center};
 
@@ -60,7 +61,8 @@ impl<'a> Cut<'a> {
             let is_turned = how == Operation::Difference && solid == 1;
             let all = pair.triangles_of(solid);
             let mut next = all.start;
-            for own in pair.triangles[all].chunk_by(|a, b| a.face == b.face) {
+            let faces = pair.triangles[all].chunk_by(|a, b| a.face == b.face);
+            for own in faces.until_stopped() {
                 let triangles = next..next + own.len();
                 next = triangles.end;
                 if triangles.clone().all(|it| segments.list(it).is_empty()) {
@@ -143,7 +145,8 @@ impl<'a> Cut<'a> {
                 *is_near = true;
             }
         }
-        let faces = self.whole.iter().map(|it| self.pair.mesh.faces().face(it.0 as usize));
+        let faces = self.whole.iter().until_stopped();
+        let faces = faces.map(|it| self.pair.mesh.faces().face(it.0 as usize));
         let edges = faces.flat_map(|face| face.iter().zip(face[1..].iter().chain(&face[..1])));
         let near = edges.filter(|(a, b)| is_near[**a as usize] && is_near[**b as usize]);
         near.map(|(&a, &b)| [a.min(b), a.max(b)]).collect()
@@ -204,7 +207,7 @@ impl<'a> Cut<'a> {
     pub(super) fn mesh(&self) -> Result<Mesh, MeshError> {
         let of = self.pair.mesh;
         let mut made = NewFaces::default();
-        for &(face, is_turned) in &self.whole {
+        for &(face, is_turned) in self.whole.iter().until_stopped() {
             let vertices = of.faces().face(face as usize);
             let numbers = of.faces().first_corner(face as usize) as u32..;
             let first = made.corners.len();

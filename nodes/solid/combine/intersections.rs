@@ -237,7 +237,7 @@ impl<'a> Pair<'a> {
             .flat_map(|it| it.triangles)
             .for_each(|it| is_touched[it as usize] = true);
         let mut sets = UnionFind::new(self.sites.len());
-        for (triangle, &is_touched) in self.triangles.iter().zip(&is_touched) {
+        for (triangle, &is_touched) in self.triangles.iter().zip(&is_touched).until_stopped() {
             for k in 0..3 {
                 let [a, b] = [triangle.vertices[k], triangle.vertices[(k + 1) % 3]];
                 if !is_touched || meet.meetings_of_edge([a, b]).is_empty() {
@@ -281,7 +281,7 @@ impl<'a> Pair<'a> {
             parts.union(a, b);
             parts.union(b, c);
         });
-        for triangle in &self.triangles {
+        for triangle in self.triangles.iter().until_stopped() {
             let vertex = triangle.vertices[0];
             let (set, part) = (sets.find(vertex) as usize, parts.find(vertex) as usize);
             if known[set].is_some() && is_asked[part] {
@@ -302,6 +302,7 @@ impl<'a> Pair<'a> {
             known[set] = Some(is_inside);
         }
         Ok((0..self.sites.len() as u32)
+            .until_stopped()
             .map(|vertex: u32| known[sets.find(vertex) as usize].unwrap_or(false))
             .collect())
     }

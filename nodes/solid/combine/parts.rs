@@ -2,6 +2,7 @@
 
 use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{CancelledError, Progress};
+use maquette_value::parallel::UntilStopped;
 use maquette_value::{Bounds, BoxTree, Mesh};
 use nalgebra::{Point3, Vector3};
 
@@ -128,6 +129,7 @@ impl<'a> Parts<'a> {
         }
         let extent = (high - low).amax();
         let triangles: Vec<[Point3<f64>; 3]> = (0..self.mesh.faces().len())
+            .until_stopped()
             .flat_map(|face: usize| self.face_triangles(face))
             .collect();
         let boxes = BoxTree::new(triangles.iter().map(|it| Bounds::from_points(it)));
@@ -164,7 +166,7 @@ impl<'a> Parts<'a> {
     /// Returns the largest triangle of each part, the first among equals.
     fn largest_triangles(&self) -> Vec<[Point3<f64>; 3]> {
         let mut largest = vec![(-1.0, [Point3::origin(); 3]); self.count];
-        for (face, &part) in self.of_face.iter().enumerate() {
+        for (face, &part) in self.of_face.iter().enumerate().until_stopped() {
             for corners in self.face_triangles(face) {
                 let [a, b, c] = corners;
                 let area = (b - a).cross(&(c - a)).norm();
@@ -189,7 +191,7 @@ impl<'a> Parts<'a> {
             return Vec::new();
         }
         let mut of_parts: Vec<Option<Bounds>> = vec![None; self.count];
-        for (face, &part) in self.of_face.iter().enumerate() {
+        for (face, &part) in self.of_face.iter().enumerate().until_stopped() {
             let bounds = bounds_of(face, self.mesh);
             let own = &mut of_parts[part as usize];
             *own = Some(own.map_or(bounds, |own| own.join(&bounds)));
@@ -210,6 +212,7 @@ impl<'a> Parts<'a> {
             })
             .collect();
         (0..self.of_face.len())
+            .until_stopped()
             .filter(|&face| {
                 let others = &others[self.of_face[face] as usize];
                 !others.is_empty() && {

@@ -1,5 +1,6 @@
 //! Cleans up the pieces of cut triangles: removes pieces without an area, and duplicate edges.
 
+use maquette_value::parallel::ParallelSliceMut;
 use nalgebra::Vector3;
 
 use super::cut::{Cut, Piece};
@@ -47,7 +48,7 @@ fn needs_welding(cut: &Cut<'_>) -> bool {
             [[a.min(b), a.max(b)], [b.min(c), b.max(c)], [c.min(a), c.max(a)]]
         })
         .collect();
-    edges.sort_unstable();
+    edges.par_sort_unstable();
     edges.chunk_by(|a, b| a == b).any(|same| 2 < same.len())
         || cut.pieces.iter().any(|piece| height(cut, piece.vertices) <= cut.tolerance())
 }

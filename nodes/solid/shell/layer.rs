@@ -10,7 +10,7 @@ use maquette_value::TriangleTree;
 use nalgebra::{Point3, Vector3};
 
 use super::backs::{Backs, Motion, Side};
-use super::probes::Probe;
+use super::probes::{Probe, Probes};
 
 /// Requested height of a layer, as a multiple of its thickness: the room for rounding errors and small chords.
 const AIM: f64 = 1.01;
@@ -57,14 +57,14 @@ const RETREATS: usize = 8;
 const RECESSIONS: usize = 8;
 
 impl Backs<'_> {
-    /// Returns the motion that makes the layer behind the surface as thick as possible, at most `thickness` mm. `tree` is the tree of the
-    /// surface.
-    pub(super) fn fit(
-        &self,
-        tree: &TriangleTree,
+    /// Returns the motion that makes the layer behind the surface as thick as possible, at most `thickness` mm, and the distances that were
+    /// measured for it. `tree` is the tree of the surface.
+    pub(super) fn fit<'a>(
+        &'a self,
+        tree: &'a TriangleTree,
         thickness: f64,
         progress: &Progress<'_>,
-    ) -> Result<Motion, CancelledError> {
+    ) -> Result<(Motion, Probes<'a>), CancelledError> {
         let heights = Vec::new();
         let shifts = vec![Vector3::zeros(); self.first.len()];
         let mut motion = Motion { directions: self.directions(), heights, shifts };
@@ -79,18 +79,18 @@ impl Backs<'_> {
             self.smooth(&mut motion.directions, folded);
         }
         motion.heights = self.miters(&motion.directions, AIM * thickness);
+        let mut probes = Probes::new(self, tree, thickness);
         for round in 0..RAISES {
             progress.check()?;
-            if !self.raise(tree, &mut motion, thickness, round < RAISES / 2) && RAISES / 2 <= round
-            {
+            let is_raised = raise(&mut probes, &mut motion, thickness, round < RAISES / 2);
+            if !is_raised && RAISES / 2 <= round {
                 break;
             }
         }
         for _ in 0..RETREATS {
             progress.check()?;
-            let probes = self.probe_backs(tree, &motion);
             let mut is_tight = self.folded(&self.moved(&motion));
-            for (is_tight, probe) in is_tight.iter_mut().zip(&probes) {
+            for (is_tight, probe) in is_tight.iter_mut().zip(probes.at_backs(&motion)) {
                 *is_tight |= probe.distance < 0.99 * thickness && probe.cosine <= FREE;
             }
             if !is_tight.contains(&true) {
@@ -98,27 +98,7 @@ impl Backs<'_> {
             }
             self.retreat(&mut motion.heights, is_tight);
         }
-        Ok(motion)
-    }
-
-    /// Increases the heights of back vertices that are too close to the surface, or, if `vertices_only` is false, that belong to a moved
-    /// face of which a point is too close. Returns true if there are any.
-    fn raise(
-        &self,
-        tree: &TriangleTree,
-        motion: &mut Motion,
-        thickness: f64,
-        vertices_only: bool,
-    ) -> bool {
-        let lack = |probe: &Probe| match probe.distance < thickness && FREE < probe.cosine {
-            true => (AIM * thickness - probe.distance) / probe.cosine.max(0.5),
-            false => 0.0,
-        };
-        let lacks = self.lacks(tree, motion, lack, vertices_only);
-        for (height, lack) in motion.heights.iter_mut().zip(&lacks) {
-            *height = (*height + lack).min(MAX_HEIGHT * thickness);
-        }
-        lacks.iter().any(|lack| 0.0 < *lack)
+        Ok((motion, probes))
     }
 
     /// Leans the directions at borders outward until the walls there enclose all places that are `thickness` mm behind the vertices nearby.
@@ -184,13 +164,14 @@ impl Backs<'_> {
     }
 
     /// Returns the motion along the rays of the sensor of a capture, see [`away`](Self::away), by which the moved faces are `thickness` mm
-    /// from the surface, as far as [`MAX_SLANT`] allows it; `None` if too many faces look away from the sensor.
-    pub(super) fn recede(
-        &self,
-        tree: &TriangleTree,
+    /// from the surface, as far as [`MAX_SLANT`] allows it, and the distances that were measured for it; `None` if too many
+    /// faces look away from the sensor.
+    pub(super) fn recede<'a>(
+        &'a self,
+        tree: &'a TriangleTree,
         thickness: f64,
         progress: &Progress<'_>,
-    ) -> Result<Option<Motion>, CancelledError> {
+    ) -> Result<Option<(Motion, Probes<'a>)>, CancelledError> {
         let mut motion = self.away(AIM * thickness);
         let faces_away = |side: &&Side| {
             let direction = motion.directions[side.backs[0] as usize];
@@ -205,13 +186,14 @@ impl Backs<'_> {
             let direction = motion.directions[back as usize];
             motion.directions[back as usize] = self.turn(back as usize, direction);
         }
+        let mut probes = Probes::new(self, tree, thickness);
         for round in 0..RECESSIONS {
             progress.check()?;
             let slant = |probe: &Probe| match probe.distance < thickness {
                 true => (AIM * thickness - probe.distance) / probe.cosine.max(1.0 / MAX_SLANT),
                 false => 0.0,
             };
-            let lacks = self.lacks(tree, &motion, slant, round < RECESSIONS / 2);
+            let lacks = probes.lacks(&motion, slant, round < RECESSIONS / 2);
             for (height, lack) in motion.heights.iter_mut().zip(&lacks) {
                 *height = (*height + lack).min(MAX_SLANT * thickness);
             }
@@ -219,7 +201,7 @@ impl Backs<'_> {
                 break;
             }
         }
-        Ok(Some(motion))
+        Ok(Some((motion, probes)))
     }
 
     /// Returns for each back vertex the direction backwards: the mean of the normals of its faces, by angle, reversed, and turned until all
@@ -391,4 +373,23 @@ impl Backs<'_> {
             }
         }
     }
+}
+
+/// Increases the heights of back vertices that are too close to the surface, or, if `vertices_only` is false, that belong to a moved face
+/// of which a point is too close. Returns true if there are any.
+fn raise(
+    probes: &mut Probes<'_>,
+    motion: &mut Motion,
+    thickness: f64,
+    vertices_only: bool,
+) -> bool {
+    let lack = |probe: &Probe| match probe.distance < thickness && FREE < probe.cosine {
+        true => (AIM * thickness - probe.distance) / probe.cosine.max(0.5),
+        false => 0.0,
+    };
+    let lacks = probes.lacks(motion, lack, vertices_only);
+    for (height, lack) in motion.heights.iter_mut().zip(&lacks) {
+        *height = (*height + lack).min(MAX_HEIGHT * thickness);
+    }
+    lacks.iter().any(|lack| 0.0 < *lack)
 }

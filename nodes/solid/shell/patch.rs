@@ -57,7 +57,8 @@ pub(super) fn one_sided(
 ) -> Result<Mesh, Error> {
     let tree = TriangleTree::new(mesh);
     let backs = Backs::new(mesh, 1.0);
-    let mut motion = progress.part(0.0..0.2, |progress| backs.fit(&tree, thickness, progress))?;
+    let (mut motion, mut probes) =
+        progress.part(0.0..0.2, |progress| backs.fit(&tree, thickness, progress))?;
     let layer = progress.part(0.2..0.3, |progress| backs.settle(&mut None, &mut motion, progress));
     progress.check()?;
     let layer = match layer {
@@ -67,7 +68,7 @@ pub(super) fn one_sided(
             return recede(&backs, &tree, thickness, progress)?.map(|it| it.0).ok_or(why);
         }
     };
-    let thin = backs.thin_faces(&tree, &motion, &layer, ENOUGH * thickness);
+    let thin = probes.thin_faces(&motion, &layer, ENOUGH * thickness);
     if thin.is_empty() {
         return Ok(layer);
     }
@@ -147,11 +148,11 @@ fn recede(
     progress: &Progress<'_>,
 ) -> Result<Option<(Mesh, usize)>, Error> {
     let motion = progress.part(0.3..0.35, |progress| backs.recede(tree, thickness, progress))?;
-    let Some(mut motion) = motion else { return Ok(None) };
+    let Some((mut motion, mut probes)) = motion else { return Ok(None) };
     let layer = progress.part(0.35..0.4, |progress| backs.settle(&mut None, &mut motion, progress));
     progress.check()?;
     let Ok(layer) = layer else { return Ok(None) };
-    let thin = backs.thin_faces(tree, &motion, &layer, ENOUGH * thickness).len();
+    let thin = probes.thin_faces(&motion, &layer, ENOUGH * thickness).len();
     Ok(Some((layer, thin)))
 }
 
@@ -167,8 +168,10 @@ pub(super) fn two_sided(
     let tree = TriangleTree::new(mesh);
     let half = thickness / 2.0;
     let [front, back] = [-1.0, 1.0].map(|sign| Backs::new(mesh, sign));
-    let above = progress.part(0.0..0.2, |progress| front.fit(&tree, half, progress))?;
-    let mut below = progress.part(0.2..0.4, |progress| back.fit(&tree, half, progress))?;
+    let (above, mut of_front) =
+        progress.part(0.0..0.2, |progress| front.fit(&tree, half, progress))?;
+    let (mut below, mut of_back) =
+        progress.part(0.2..0.4, |progress| back.fit(&tree, half, progress))?;
     let mut above = Some(above);
     let layer = progress.part(0.4..0.5, |progress| back.settle(&mut above, &mut below, progress));
     progress.check()?;
@@ -180,9 +183,9 @@ pub(super) fn two_sided(
         }
         return added(mesh, (&tree, &all), half, &everywhere, progress);
     };
-    let mut thin = back.thin_faces(&tree, &below, &layer, ENOUGH * half);
+    let mut thin = of_back.thin_faces(&below, &layer, ENOUGH * half);
     if let Some(above) = &above {
-        thin.extend(front.thin_faces(&tree, above, &layer, ENOUGH * half));
+        thin.extend(of_front.thin_faces(above, &layer, ENOUGH * half));
     }
     thin.sort_unstable();
     thin.dedup();

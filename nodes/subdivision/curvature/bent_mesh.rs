@@ -68,6 +68,9 @@ impl BentMesh {
 /// Returns the threshold that 5 % of the numbers exceed in absolute value. The threshold is positive even if all numbers are 0.
 fn percentile_95(numbers: &[f64]) -> f64 {
     let mut sizes: Vec<_> = numbers.iter().map(|number| number.abs()).collect();
-    sizes.sort_by(f64::total_cmp);
-    sizes.get(sizes.len() * 95 / 100).copied().unwrap_or(0.0).max(f64::MIN_POSITIVE)
+    let rank = sizes.len() * 95 / 100;
+    if sizes.is_empty() {
+        return f64::MIN_POSITIVE;
+    }
+    sizes.select_nth_unstable_by(rank, f64::total_cmp).1.max(f64::MIN_POSITIVE)
 }

@@ -3,6 +3,7 @@
 //! In one step a vertex affects the new vertices of its faces: at their corners, on their edges and in their interior. Each new vertex is
 //! computed by the same operations as in the full refinement, so both results are equal bit for bit.
 
+use maquette_value::parallel::ParallelSliceMut;
 use nalgebra::Point3;
 
 use super::half_edges::{HalfEdges, NONE, Ring};
@@ -95,7 +96,7 @@ fn follow(
         mesh.ring(mesh.clockwise_most(half), &mut ring);
         faces.extend(ring.halves.iter().map(|&half| mesh.face_of(half)));
     }
-    faces.sort_unstable();
+    faces.par_sort_unstable();
     faces.dedup();
     for &face in &faces {
         reached.extend(step.middle(face));

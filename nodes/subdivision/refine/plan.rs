@@ -1,6 +1,6 @@
 //! Subdivision plans: the part of a subdivision that depends only on the topology.
 
-use maquette_node::{CancelledError, Error, Limit as Most, Progress, bail};
+use maquette_node::{CancelledError, Error, Limit as Most, Progress, ValueSize, bail};
 use maquette_value::Value;
 use maquette_value::{Attribute, Mesh};
 
@@ -251,6 +251,43 @@ fn corners_after(mesh: &Mesh, levels: u32) -> f64 {
 
 /// Returns an upper bound of the memory for refining a mesh, including its plan, in bytes.
 pub(crate) fn bytes(mesh: &Mesh, options: Subdivision) -> f64 {
+    let all = mesh.clone().with_materials([]).size();
+    let own = mesh.positions().size() + mesh.faces().corners().len() * size_of::<u32>();
+    bytes_for(corners_after(mesh, options.levels), all.saturating_sub(own) as f64, options)
+}
+
+/// Returns the memory in bytes for refining a mesh of this size.
+pub(crate) fn bytes_of_size(mesh: ValueSize, options: Subdivision) -> f64 {
+    let factor = libm::exp2(2.0 * f64::from(options.levels));
+    bytes_for(mesh.corners * factor, attribute_bytes(mesh), options)
+}
+
+/// Returns the memory in bytes of the attributes of a mesh of this size.
+fn attribute_bytes(mesh: ValueSize) -> f64 {
+    (mesh.bytes - ValueSize::mesh(mesh.points, mesh.faces, mesh.corners).bytes).max(0.0)
+}
+
+/// Returns the size of a mesh after it is refined. The numbers of vertices and faces follow from Euler's formula, because a step does not
+/// change `vertices - edges + faces`; for a mesh with borders they are a little smaller than the true ones.
+pub(crate) fn size_after(mesh: ValueSize, options: Subdivision) -> ValueSize {
+    if options.levels == 0 {
+        return mesh;
+    }
+    let factor = libm::exp2(2.0 * f64::from(options.levels));
+    let corners = mesh.corners * factor;
+    let characteristic = mesh.points - mesh.corners / 2.0 + mesh.faces;
+    let (vertices, faces) = match options.scheme {
+        Scheme::Loop | Scheme::Butterfly => (corners / 6.0 + characteristic, corners / 3.0),
+        Scheme::CatmullClark => (corners / 4.0 + characteristic, corners / 4.0),
+        Scheme::DooSabin => (corners / 4.0, corners / 4.0 + characteristic),
+    };
+    let normals = if options.limit { 24.0 * vertices } else { 0.0 };
+    let size = ValueSize::mesh(vertices.max(0.0), faces.max(0.0), corners);
+    size.with_more_bytes(normals + factor * attribute_bytes(mesh)).at_most(mesh.certainty)
+}
+
+/// Returns the memory in bytes for refining a mesh to this number of corners. `attributes` is the memory of its attributes.
+fn bytes_for(corners_after: f64, attributes: f64, options: Subdivision) -> f64 {
     let Subdivision { scheme, levels, limit, boundary, corners, .. } = options;
     // Measured bytes per corner. The limit needs additional matrix rows and normals.
     let (plain, of_limit) = match scheme {
@@ -262,10 +299,8 @@ pub(crate) fn bytes(mesh: &Mesh, options: Subdivision) -> f64 {
         [(limit, of_limit), (boundary == Boundary::None, 15.0), (corners == Corners::Smooth, 10.0)];
     let extra: f64 = extra.iter().filter(|(is_so, _)| *is_so).map(|(_, bytes)| bytes).sum();
     // The size of attributes is proportional to the number of corners, and two copies exist during the transfer.
-    let faces = mesh.clone().with_materials([]).size();
-    let own = mesh.positions().size() + mesh.faces().corners().len() * size_of::<u32>();
-    let attributes = 2.5 * faces.saturating_sub(own) as f64 * libm::exp2(2.0 * f64::from(levels));
-    corners_after(mesh, levels) * (plain + extra) + attributes
+    let attributes = 2.5 * attributes * libm::exp2(2.0 * f64::from(levels));
+    corners_after * (plain + extra) + attributes
 }
 
 fn check_size(mesh: &Mesh, levels: u32) -> Result<(), Error> {

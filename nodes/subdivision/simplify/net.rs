@@ -1,7 +1,7 @@
 //! The triangle mesh during a simplification, with the costs of edge collapses.
 
 use std::cmp::Ordering;
-use std::iter;
+use std::{iter, mem, thread};
 
 use maquette_base::linear::attribute_transfer::AttributeTransfer;
 use maquette_base::linear::weighted_mean::WeightedMean;
@@ -90,6 +90,18 @@ pub(super) struct Net {
     merges: Vec<([u32; 2], f64)>,
 }
 
+impl Drop for Net {
+    /// Frees the many lists of a large mesh on another thread, since nobody has to wait for that.
+    fn drop(&mut self) {
+        const MANY: usize = 1 << 18;
+        let lists = mem::take(&mut self.around);
+        if MANY < lists.len() {
+            // Ignore an error: if the thread cannot be started, the lists are dropped here.
+            let _ = thread::Builder::new().spawn(move || drop(lists));
+        }
+    }
+}
+
 impl Net {
     pub(super) fn new(mesh: &Mesh) -> Self {
         let positions = mesh.positions().to_vec();
@@ -102,7 +114,7 @@ impl Net {
         let parents = parents.flat_map(|(parent, face)| iter::repeat_n(parent, face.len() - 2));
         let parents: Vec<_> = parents.collect();
         let mut around = vec![Vec::new(); positions.len()];
-        for (index, triangle) in (0..).zip(&triangles) {
+        for (index, triangle) in (0..).zip(&triangles).until_stopped() {
             triangle.iter().for_each(|&vertex| around[vertex as usize].push(index));
         }
         let (low, high) = mesh.bounds().unwrap_or_default();
@@ -140,7 +152,8 @@ impl Net {
             })
             .collect();
         let edges = mesh.edges();
-        let borders = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
+        let borders = edges.vertices.iter().zip(&edges.faces).until_stopped();
+        let borders = borders.filter(|(_, faces)| **faces == 1);
         let borders = borders.map(|(&ends, _)| (ends, 0.0, BORDER_WEIGHT));
         let creases = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0);
         let creases = creases.map(|(ends, sharpness)| (ends, sharpness, BORDER_WEIGHT));
@@ -168,7 +181,7 @@ impl Net {
     fn seams(&self) -> Vec<[u32; 2]> {
         let Some(wedges) = &self.wedges else { return Vec::new() };
         let mut sides = Vec::with_capacity(3 * self.triangles.len());
-        for (index, corners) in (0..).zip(&self.triangles) {
+        for (index, corners) in (0..).zip(&self.triangles).until_stopped() {
             let of = wedges.triangle_wedges(index);
             sides.extend([(0, 1), (1, 2), (2, 0)].map(|(k, l)| {
                 if corners[k] < corners[l] {
@@ -178,7 +191,7 @@ impl Net {
                 }
             }));
         }
-        sides.sort_unstable();
+        sides.par_sort_unstable();
         let edges = sides.chunk_by(|a, b| a.0 == b.0);
         let seams = edges.filter(|edge| edge.iter().any(|side| side.1 != edge[0].1));
         seams.map(|edge| edge[0].0).collect()
@@ -371,7 +384,7 @@ impl Net {
         let share = (collapse.position - first).dot(&along) / along.norm_squared();
         self.merges.push(([a, b], if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) }));
         self.merge_wedges(collapse);
-        for face in std::mem::take(&mut self.around[b as usize]) {
+        for face in mem::take(&mut self.around[b as usize]) {
             let triangle = &mut self.triangles[face as usize];
             if triangle.contains(&a) {
                 let apex = triangle.iter().copied().find(|&v| v != a && v != b);
@@ -385,7 +398,7 @@ impl Net {
                 self.around[a as usize].push(face);
             }
         }
-        for (end, sharpness) in std::mem::take(&mut self.sharp[b as usize]) {
+        for (end, sharpness) in mem::take(&mut self.sharp[b as usize]) {
             self.sharp[end as usize].retain(|(other, _)| *other != b);
             if end != a {
                 self.sharp[end as usize].push((a, sharpness));
@@ -479,7 +492,7 @@ struct MergedAttributes<'a> {
 impl AttributeTransfer for MergedAttributes<'_> {
     fn column<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         let mut mixed = old.to_vec();
-        for &([a, b], share) in self.merges {
+        for &([a, b], share) in self.merges.iter().until_stopped() {
             let [stays, goes] = [a, b].map(|end| mixed[end as usize]);
             // Integer indices have no mean; the mean takes the index of the first part. Therefore put the nearer vertex first.
             let mut parts = [(1.0 - share, stays), (share, goes)];

@@ -102,7 +102,8 @@ impl Rounds {
             .map(|&index| net.allows(&self.collapses[index as usize]))
             .collect();
         let mut merged = Vec::with_capacity(chosen.len());
-        for (index, is_allowed) in chosen.into_iter().map(|index| index as usize).zip(allowed) {
+        let chosen = chosen.into_iter().map(|index| index as usize).zip(allowed);
+        for (index, is_allowed) in chosen.until_stopped() {
             if !is_allowed {
                 self.classes[index] = DEAD;
             } else if target < net.n_faces {

@@ -6,7 +6,8 @@ use std::panic::AssertUnwindSafe;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use maquette_node::Memos;
+use maquette_node::{Memos, ValueSize};
+use maquette_value::parallel::caught;
 use maquette_value::{AnyValue, Fact, FactValue, Hash, Points, PointsDigest, Value};
 
 use super::lock;
@@ -21,6 +22,8 @@ pub(super) struct Outcome {
     pub(super) warnings: Box<[String]>,
     /// A short description of each value, such as `1024 x 768`. Empty if the descriptions are unknown.
     pub(super) descriptions: Box<[String]>,
+    /// The size of each value. Empty if the sizes are unknown.
+    pub(super) sizes: Box<[ValueSize]>,
     /// The memory that the values need, in bytes, even if they have been dropped.
     pub(super) bytes: usize,
     /// The time that the computation of the values took, in seconds.
@@ -36,8 +39,9 @@ impl Outcome {
         let outputs = values.iter().map(|value| (value.kind().name, value.hash())).collect();
         let bytes = values.iter().map(AnyValue::size).sum();
         let shapes = values.iter().map(description).collect();
+        let sizes = values.iter().map(size).collect();
         let outcome = Self::without_values(outputs, warnings, bytes, seconds);
-        Self { values: Mutex::new(Some(values.clone())), descriptions: shapes, ..outcome }
+        Self { values: Mutex::new(Some(values.clone())), descriptions: shapes, sizes, ..outcome }
     }
 
     /// Creates the outcome of a node whose points were hashed in blocks, without its values.
@@ -45,7 +49,9 @@ impl Outcome {
         let outputs = [(Points::NAME, points.hash)].into();
         let description = format!("{} points", FactValue::Count(points.count));
         let outcome = Self::without_values(outputs, Vec::new(), points.bytes, seconds);
-        outcome.with_descriptions(vec![description])
+        let size = ValueSize::points(points.count as f64, 0.0);
+        let attributes = points.bytes as f64 - size.bytes;
+        outcome.with_descriptions(vec![description], vec![size.with_more_bytes(attributes)])
     }
 
     /// Creates an outcome from the hashes of its values. The values can be attached later.
@@ -60,6 +66,7 @@ impl Outcome {
             outputs,
             warnings,
             descriptions: Box::default(),
+            sizes: Box::default(),
             bytes,
             seconds,
             values: Mutex::default(),
@@ -68,9 +75,9 @@ impl Outcome {
         }
     }
 
-    /// Adds short descriptions of the values.
-    pub(super) fn with_descriptions(self, shapes: Vec<String>) -> Self {
-        Self { descriptions: shapes.into(), ..self }
+    /// Adds short descriptions of the values, and their sizes.
+    pub(super) fn with_descriptions(self, shapes: Vec<String>, sizes: Vec<ValueSize>) -> Self {
+        Self { descriptions: shapes.into(), sizes: sizes.into(), ..self }
     }
 
     /// Returns the values, or `None` if they are not in memory.
@@ -105,7 +112,15 @@ impl Outcome {
 /// Returns the first facts about a value, such as `1024 x 768` or `12 vertices, 20 faces`. The code of the value's type may panic; then the
 /// description is empty.
 fn description(value: &AnyValue) -> String {
-    std::panic::catch_unwind(AssertUnwindSafe(|| facts(value))).unwrap_or_default()
+    let described = std::panic::catch_unwind(AssertUnwindSafe(|| facts(value)));
+    described.map_err(caught).unwrap_or_default()
+}
+
+/// Returns the size of a value. If the code of the value's type panics, only its memory.
+fn size(value: &AnyValue) -> ValueSize {
+    let size = std::panic::catch_unwind(AssertUnwindSafe(|| ValueSize::of_value(value)));
+    size.map_err(caught)
+        .unwrap_or_else(|_| ValueSize::items(0.0, 0.0).with_more_bytes(value.size() as f64))
 }
 
 fn facts(value: &AnyValue) -> String {

@@ -6,13 +6,14 @@ use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use maquette_graph::{ELEMENTS, GraphNode, Link};
-use maquette_node::budget::Estimate;
-use maquette_node::{AnyNode, Context, File, PointBlock, Previous, Progress};
+use maquette_node::budget::{Estimate, MemoryError};
+use maquette_node::{AnyNode, Context, File, PointBlock, Previous, Progress, ValueSize};
 use maquette_syntax::error::{CancelledError, Error};
 use maquette_value::Hash;
 
 use super::cache::{Outcome, Values};
 use super::key::Parts;
+use super::needs::fitting_input;
 use super::plan::Task;
 use super::run::{NodeEvent, Run, size};
 use super::snapshot::NodeRecord;
@@ -70,7 +71,12 @@ impl Run<'_> {
         let ready = inputs.and_then(|inputs| {
             let estimate = self.estimate(index, &inputs, files)?;
             let own = self.unheld_bytes(index, &inputs);
-            Ok((self.memory.admit(index, estimate, own, &self.evaluator.cache)?, estimate, inputs))
+            let admitted = self.memory.admit(index, estimate, own, &self.evaluator.cache);
+            Ok((
+                admitted.map_err(|error| self.with_fitting_input(index, error, &inputs))?,
+                estimate,
+                inputs,
+            ))
         });
         let (estimate, inputs) = match ready {
             Ok((true, estimate, inputs)) => (estimate, inputs),
@@ -84,7 +90,11 @@ impl Run<'_> {
         };
         drop(inputs);
         let seconds = start.elapsed().as_secs_f64();
-        let outcome = Arc::new(Outcome::new(&values, warnings, seconds));
+        // Describing a large value takes seconds.
+        let outcome = match self.cancel.stops(|| Outcome::new(&values, warnings, seconds)) {
+            Ok(outcome) => Arc::new(outcome),
+            Err(error) => return Some(self.fail(index, error.into())),
+        };
         let computed = Computed { outcome, values: Some(values), estimate, start };
         Some(Some(self.record(index, parts, key, known, computed)))
     }
@@ -156,6 +166,21 @@ impl Run<'_> {
     ) -> Result<Option<Estimate>, Error> {
         let node = &self.graph.nodes()[index].node;
         Ok(self.call_node(index, inputs, files, None, |cx| Ok(node.estimate(cx)))?.0)
+    }
+
+    /// Adds to an error the size of the inputs for which the memory would suffice.
+    fn with_fitting_input(
+        &self,
+        index: usize,
+        error: MemoryError,
+        inputs: &[Values],
+    ) -> MemoryError {
+        let node = &self.graph.nodes()[index];
+        let links = node.links.iter().zip(inputs);
+        let sizes = links.map(|(link, values)| Some(ValueSize::of_value(&values[link.output])));
+        let room = error.most.saturating_sub(error.held) as f64;
+        let fits = fitting_input(&*node.node, &sizes.collect::<Vec<_>>(), room);
+        MemoryError { fits, ..error }
     }
 
     /// Returns the size in bytes of those inputs that are in memory only for this node, because their source nodes have no slot.
@@ -247,7 +272,15 @@ impl Run<'_> {
             .zip(inputs)
             .map(|(link, values): (&Link, &Values)| values[link.output].clone())
             .collect();
-        let report = |fraction: f64| self.observer.on_progress(&node.name, fraction);
+        let progress = Mutex::new(0.0);
+        let report = |fraction: f64| {
+            // Several threads may report, and the latest of their reports need not be the highest.
+            let mut highest = lock(&progress);
+            if *highest <= fraction {
+                *highest = fraction.min(1.0);
+                self.observer.on_progress(&node.name, *highest);
+            }
+        };
         let cx = Context {
             inputs: &inputs,
             files,

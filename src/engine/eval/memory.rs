@@ -16,6 +16,14 @@ use super::lock;
 /// The fraction of the free memory that an evaluation may use if no limit is set. With a higher fraction, the system might kill processes.
 const FREE_FRACTION: f64 = 0.9;
 
+/// Returns the limit in bytes: `given`, or a fraction of the free memory of the machine and of that of cached results.
+pub(super) fn max_bytes(given: Option<u64>, cache: &Cache) -> u64 {
+    given.unwrap_or_else(|| match available_memory() {
+        Some(bytes) => (bytes as f64 * FREE_FRACTION) as u64 + cache.bytes() as u64,
+        None => u64::MAX,
+    })
+}
+
 /// The memory in use by an evaluation.
 pub(super) struct Memory {
     /// The limit in bytes. If it is `None`, the limit is [`FREE_FRACTION`] of the free memory of the machine.
@@ -53,12 +61,7 @@ impl Memory {
 
     /// Returns the limit in bytes. If no limit is set, the free memory of the machine is read at the first call.
     fn max_bytes(&self, cache: &Cache) -> u64 {
-        *self.max_bytes.get_or_init(|| {
-            self.given_limit.unwrap_or_else(|| match available_memory() {
-                Some(bytes) => (bytes as f64 * FREE_FRACTION) as u64 + cache.bytes() as u64,
-                None => u64::MAX,
-            })
-        })
+        *self.max_bytes.get_or_init(|| max_bytes(self.given_limit, cache))
     }
 
     /// Adds `count` to the number of nodes that are being visited.
@@ -175,5 +178,5 @@ fn no_room(estimate: Option<Estimate>, held: u64, max_bytes: u64) -> MemoryError
     // Use an estimate of 0 bytes: a node without an estimate fails only because other values fill the memory.
     let none = Estimate { bytes: 0.0, help: "ask for less at a time (--only)" };
     let Estimate { bytes: need, help } = estimate.unwrap_or(none);
-    MemoryError { need, held, most: max_bytes, help }
+    MemoryError { need, held, most: max_bytes, help, fits: None }
 }

@@ -10,6 +10,7 @@ use maquette_graph::files::Reads;
 use maquette_graph::{ELEMENTS, Graph, GraphNode};
 use maquette_node::CancelToken;
 use maquette_syntax::error::Error;
+use maquette_value::parallel::detached;
 use maquette_value::{AnyValue, Hash};
 
 use super::blocks::streamed_nodes;
@@ -165,7 +166,7 @@ impl<'a> Run<'a> {
             self.slots.iter().filter(|slot| slot.waiting.load(Ordering::Relaxed) == 0).collect();
         self.memory.add_visits(ready.len());
         for slot in ready {
-            scope.spawn(move |scope| self.visit(slot.node, scope));
+            scope.spawn(move |scope| detached(|| self.visit(slot.node, scope)));
         }
     }
 
@@ -193,7 +194,7 @@ impl<'a> Run<'a> {
             next = ready.pop();
             self.memory.add_visits(ready.len());
             for other in ready {
-                scope.spawn(move |scope| self.visit(other, scope));
+                scope.spawn(move |scope| detached(|| self.visit(other, scope)));
             }
             next = next.or_else(|| self.memory.end_visit());
         }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use maquette_graph::{Graph, PINNED};
 use maquette_node::CancelToken;
 
+use super::cache::Outcome;
 use super::disk::MIN_SECONDS_TO_KEEP;
 use super::key::Change;
 use super::plan::{Plan, Task};
@@ -89,6 +90,16 @@ impl Evaluator {
         roots: &[usize],
         values: &[usize],
     ) -> Vec<Forecast> {
+        self.forecast_with_outcomes(graph, roots, values).0
+    }
+
+    /// Like [`forecast`](Self::forecast). Also returns the known results of the nodes, `None` for a node that would run.
+    pub(super) fn forecast_with_outcomes(
+        &mut self,
+        graph: &Graph,
+        roots: &[usize],
+        values: &[usize],
+    ) -> (Vec<Forecast>, Vec<Option<Arc<Outcome>>>) {
         self.recall(graph);
         let plan = Plan::new(self, graph, roots, values);
         let (observer, cancel) = ((), CancelToken::default());
@@ -126,7 +137,9 @@ impl Evaluator {
                 }
             }
         }
-        forecasts
+        let outcomes = forecasts.iter().map(|it| Some(run.result_of(it.index)?.outcome.clone()));
+        let outcomes = outcomes.collect();
+        (forecasts, outcomes)
     }
 
     /// Returns true if the values of a result are in memory or on disk. Large columns are not read for this check.

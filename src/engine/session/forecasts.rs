@@ -6,7 +6,7 @@ use maquette_graph::{Graph, KnownInputs};
 use maquette_syntax::error::Diagnostic;
 
 use super::{OutputFolder, Session, expected_of, inputs, outputs_of};
-use crate::eval::{Forecast, LastResult, explanation};
+use crate::eval::{Forecast, LastResult, RunNeeds, explanation};
 use crate::expect;
 
 impl Session {
@@ -46,6 +46,32 @@ impl Session {
         only: &[String],
         folder: &OutputFolder,
     ) -> Result<Vec<Forecast>, String> {
+        let (nodes, values) = self.forecast_targets(graph, only, folder)?;
+        Ok(self.evaluator.forecast(graph, &nodes, &values))
+    }
+
+    /// Predicts the sizes, the memory and the time of each node, for the same run as [`dry_run`](Self::dry_run). Of large files only the
+    /// headers are read.
+    ///
+    /// # Errors
+    /// A message if one of the names is not an output of the graph.
+    pub fn needs(
+        &mut self,
+        graph: &Graph,
+        only: &[String],
+        folder: &OutputFolder,
+    ) -> Result<RunNeeds, String> {
+        let (nodes, values) = self.forecast_targets(graph, only, folder)?;
+        Ok(self.evaluator.needs(graph, &nodes, &values))
+    }
+
+    /// Returns the nodes that a run of the outputs `only` evaluates, and the nodes whose values it needs.
+    fn forecast_targets(
+        &mut self,
+        graph: &Graph,
+        only: &[String],
+        folder: &OutputFolder,
+    ) -> Result<(Vec<usize>, Vec<usize>), String> {
         let outputs = outputs_of(graph, only)?;
         let mut nodes: Vec<_> = outputs.iter().map(|output| output.node).collect();
         let expected = expected_of(graph, &nodes, only);
@@ -54,7 +80,7 @@ impl Session {
         let (catalog, evaluator) = (&self.catalog, &mut self.evaluator);
         let mut values = folder.nodes_to_write_by_stamps(&outputs, graph, catalog, evaluator);
         values.extend(expect::nodes_of(&open));
-        Ok(self.evaluator.forecast(graph, &nodes, &values))
+        Ok((nodes, values))
     }
 
     /// Returns the forecasts of the given nodes and of their dependencies, for a run that requests the nodes' values. A value with an

@@ -2,6 +2,7 @@
 
 use maquette_syntax::bail;
 use maquette_syntax::error::Error;
+use maquette_value::parallel::StopFlag;
 use memchr::{memchr, memchr_iter};
 
 use crate::{not_a_number, parse_real};
@@ -17,7 +18,9 @@ pub(super) fn for_lines(
     let ends = memchr_iter(end, bytes).chain([bytes.len()]);
     let lines = ends.map(|end| &bytes[std::mem::replace(&mut start, end + 1)..end]);
     let mut lines = lines.enumerate();
+    let stop = StopFlag::current();
     while let Some((index, text)) = lines.next() {
+        stop.check();
         let text = text.trim_ascii_end();
         let Some(start) = text.strip_suffix(b"\\") else {
             read(text, index + 1)?;

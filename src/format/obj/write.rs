@@ -287,6 +287,7 @@ impl FileReader for MeshObj {
     type Value = Mesh;
     const EXTENSIONS: &'static [&'static str] = &["obj"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::OBJ_READ;
+    const SIZE: crate::SizeReader = Some(crate::size::obj);
 
     fn read(file: &InputFile<'_>) -> Result<Mesh, Error> {
         let (mesh, notes, used) = super::read_with_notes(file.bytes(), file.color_range())?;

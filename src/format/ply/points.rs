@@ -122,6 +122,7 @@ impl FileReader for PointsPly {
     const EXTENSIONS: &'static [&'static str] = &["ply"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_PLY;
     const BLOCKS: Option<ReadBlocks> = Some(super::blocks::read_blocks);
+    const SIZE: crate::SizeReader = Some(super::size::points);
 
     fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         let (points, left_out, notes) = super::read_finite(file.bytes(), file.color_range())?;

@@ -397,6 +397,7 @@ impl FileReader for MeshPly {
     type Value = Mesh;
     const EXTENSIONS: &'static [&'static str] = &["ply"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::PLY_READ;
+    const SIZE: crate::SizeReader = Some(super::size::mesh);
 
     fn read(file: &InputFile<'_>) -> Result<Mesh, Error> {
         let Contents { mesh, finite, notes, face_notes, pictures } =

@@ -5,6 +5,7 @@ use std::collections::HashSet;
 use nalgebra::Point3;
 
 use super::{Crease, DerivedData, Faces, Mesh};
+use crate::parallel::*;
 use crate::union_find::UnionFind;
 use crate::{AnyValue, Curve, Elements, NoElements, value_type};
 
@@ -88,7 +89,7 @@ fn part(mesh: &Mesh, faces: &[u32], mut creases: Vec<Crease>, new_indices: &mut 
     let mut vertices =
         faces.iter().flat_map(|&face| all.face(face as usize)).copied().collect::<Vec<_>>();
     let mut corners = vertices.clone();
-    vertices.sort_unstable();
+    vertices.par_sort_unstable();
     vertices.dedup();
     for (new_index, &vertex) in (0..).zip(&vertices) {
         new_indices[vertex as usize] = new_index;
@@ -98,11 +99,12 @@ fn part(mesh: &Mesh, faces: &[u32], mut creases: Vec<Crease>, new_indices: &mut 
         crease.vertices = crease.vertices.map(|vertex| new_indices[vertex as usize]);
     }
     let sides = faces.iter().map(|&face| all.face(face as usize).len());
-    let of_corners = faces.iter().flat_map(|&face| {
+    let of_corners = faces.iter().until_stopped().flat_map(|&face| {
         let first = all.first_corner(face as usize) as u32;
         first..first + all.face(face as usize).len() as u32
     });
-    let positions = vertices.iter().map(|&vertex| mesh.positions[vertex as usize]);
+    let positions = vertices.iter().until_stopped();
+    let positions = positions.map(|&vertex| mesh.positions[vertex as usize]);
     Mesh {
         positions: positions.collect(),
         faces: Faces::polygons(&Vec::from_iter(sides), corners).expect("faces of a mesh"),
@@ -175,7 +177,7 @@ fn rims(mesh: &Mesh) -> Vec<Vec<u32>> {
     fn sorted_ends(edge: usize, all: &[[u32; 2]]) -> [u32; 2] {
         [all[edge][0].min(all[edge][1]), all[edge][0].max(all[edge][1])]
     }
-    order.sort_by_key(|&edge| (sorted_ends(edge, &all), edge));
+    order.par_sort_unstable_by_key(|&edge| (sorted_ends(edge, &all), edge));
     let of_one_face = order.chunk_by(|&a, &b| sorted_ends(a, &all) == sorted_ends(b, &all));
     let open = of_one_face.filter(|same| same.len() == 1).map(|same| same[0]);
     let mut open = Vec::from_iter(open);

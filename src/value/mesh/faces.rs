@@ -182,9 +182,9 @@ impl Faces {
         &self.corners[self.first_corner(face)..self.first_corner(face + 1)]
     }
 
-    /// Iterates over the vertices of each face.
+    /// Iterates over the vertices of each face. The loop [stops](UntilStopped) with the running computation.
     pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
-        (0..self.len()).map(|face| self.face(face))
+        (0..self.len()).until_stopped().map(|face| self.face(face))
     }
 
     /// The vertices of all corners, face by face.

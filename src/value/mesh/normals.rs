@@ -4,13 +4,10 @@ use std::borrow::Cow;
 
 use nalgebra::Vector3;
 
-use super::{BLOCK, Mesh};
+use super::Mesh;
+use crate::KeyChunks;
 use crate::memory::huge_vec;
 use crate::parallel::*;
-
-/// The maximum number of threads for computing normals. Each thread scans all faces; with more threads the additional scans cost more than
-/// they save.
-const MAX_SCANS: usize = 16;
 
 impl Mesh {
     /// A normal per vertex: the vertex attribute `normal`, whose vectors may have any length, or else
@@ -25,18 +22,16 @@ impl Mesh {
     /// A unit normal per vertex: the mean of the face normals, weighted by area. Zero for a vertex without faces.
     pub fn vertex_normals(&self) -> Vec<Vector3<f64>> {
         let mut normals: Vec<Vector3<f64>> = huge_vec(self.positions.len());
-        // Each thread scans all faces and sums the normals of its own vertices in the order of the faces, so the result does not depend on
-        // the number of threads.
-        let threads = rayon::current_num_threads().min(MAX_SCANS);
-        let chunk_len = self.positions.len().div_ceil(threads).max(BLOCK);
-        normals.par_chunks_mut(chunk_len).enumerate().for_each(|(index, normals)| {
-            let first = (index * chunk_len) as u32;
-            match self.faces.as_triangles() {
-                Some(triangles) => {
-                    triangles.iter().for_each(|face| self.add_area(face, first, normals));
-                }
-                None => self.faces.iter().for_each(|face| self.add_area(face, first, normals)),
-            }
+        // Each part of the vertices sums the normals of its faces in order, so the result does not depend on the number of threads.
+        let chunks = KeyChunks::new(normals.len(), self.faces.len(), |face| {
+            self.faces.face(face).iter().copied()
+        });
+        let parts = normals.par_chunks_mut(chunks.chunk_len()).enumerate();
+        parts.for_each(|(chunk, normals): (usize, &mut [Vector3<f64>])| {
+            let first = chunks.keys(chunk).start as u32;
+            chunks.for_each_source(chunk, |face| {
+                self.add_area(self.faces.face(face), first, normals);
+            });
             for normal in normals {
                 *normal = unit(*normal);
             }
@@ -47,12 +42,10 @@ impl Mesh {
     /// Adds the area vector of a face to the sums in `normals`, which begin with the vertex `first`. Vertices for which `normals` has no
     /// entry are ignored.
     fn add_area(&self, face: &[u32], first: u32, normals: &mut [Vector3<f64>]) {
-        if face.iter().any(|vertex| (vertex.wrapping_sub(first) as usize) < normals.len()) {
-            let area = self.area_vector(face);
-            for vertex in face {
-                if let Some(normal) = normals.get_mut(vertex.wrapping_sub(first) as usize) {
-                    *normal += area;
-                }
+        let area = self.area_vector(face);
+        for vertex in face {
+            if let Some(normal) = normals.get_mut(vertex.wrapping_sub(first) as usize) {
+                *normal += area;
             }
         }
     }

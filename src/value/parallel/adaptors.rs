@@ -36,6 +36,10 @@ where
         (self.adapt)(self.items.part())
     }
 
+    fn weight(&self) -> usize {
+        self.items.weight()
+    }
+
     fn parts(&self) -> usize {
         self.items.parts().min(self.max_parts)
     }
@@ -60,6 +64,10 @@ impl<A: Parallel, B: Parallel> Parallel for Zip<A, B> {
 
     fn part(self) -> Self::Part {
         iter::zip(self.0.part(), self.1.part())
+    }
+
+    fn weight(&self) -> usize {
+        self.0.weight().max(self.1.weight())
     }
 
     fn parts(&self) -> usize {

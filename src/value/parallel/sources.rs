@@ -1,9 +1,10 @@
 //! Sources of parallel loops: slices, chunks, ranges of integers, and lists that are consumed.
 
+use std::cmp::Ordering;
 use std::ops::Range;
 use std::{slice, vec};
 
-use super::Parallel;
+use super::{Parallel, StopFlag, span};
 
 /// Types that can be converted to a parallel iterator.
 pub trait IntoParallel {
@@ -110,12 +111,25 @@ pub trait ParallelSliceMut<T: Send>: AsMut<[T]> {
     where
         T: Ord,
     {
-        rayon::slice::ParallelSliceMut::par_sort_unstable(self.as_mut());
+        let (items, stop) = (self.as_mut(), StopFlag::current());
+        span::sort(items.len(), || {
+            rayon::slice::ParallelSliceMut::par_sort_unstable_by(items, |a, b| {
+                stop.check();
+                // Only this comparison matters to the algorithm.
+                if a.lt(b) { Ordering::Less } else { Ordering::Greater }
+            });
+        });
     }
 
     /// Sorts the slice by keys. Items with equal keys may change their order.
     fn par_sort_unstable_by_key<K: Ord>(&mut self, key: impl Fn(&T) -> K + Sync) {
-        rayon::slice::ParallelSliceMut::par_sort_unstable_by_key(self.as_mut(), key);
+        let (items, stop) = (self.as_mut(), StopFlag::current());
+        span::sort(items.len(), || {
+            rayon::slice::ParallelSliceMut::par_sort_unstable_by_key(items, |item| {
+                stop.check();
+                key(item)
+            });
+        });
     }
 }
 
@@ -206,6 +220,10 @@ impl<'a, T: Sync> Parallel for Chunks<'a, T> {
         (Self { items: before, ..self }, Self { items: after, ..self })
     }
 
+    fn weight(&self) -> usize {
+        self.items.len()
+    }
+
     fn part(self) -> slice::Chunks<'a, T> {
         self.items.chunks(self.size)
     }
@@ -230,6 +248,10 @@ impl<'a, T: Send> Parallel for ChunksMut<'a, T> {
         let Self { items, size } = self;
         let (before, after) = items.split_at_mut(items.len().min(index * size));
         (Self { items: before, size }, Self { items: after, size })
+    }
+
+    fn weight(&self) -> usize {
+        self.items.len()
     }
 
     fn part(self) -> slice::ChunksMut<'a, T> {

@@ -1,7 +1,9 @@
 //! Compares parallel loops with the iterators of the standard library.
 
+use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 use super::*;
 
@@ -191,5 +193,124 @@ fn a_computation_stops_at_its_flag_on_all_threads() {
             stoppable(&other, || (0..1000_usize).into_par_iter().map(|x| x).sum::<usize>())
         });
         assert_eq!(sum, Some(499_500));
+    }
+}
+
+thread_local! {
+    /// A clock that advances only when a test says so.
+    static NOW: Cell<u64> = const { Cell::new(0) };
+}
+
+fn pass(seconds: u64) {
+    NOW.set(NOW.get() + seconds);
+}
+
+#[test]
+fn a_span_has_the_serial_code_and_the_longest_part_of_each_loop() {
+    start_span(|| Duration::from_secs(NOW.get()));
+    pass(5);
+    (1..5_u64).into_par_iter().for_each(pass);
+    (0..3_u64).into_par_iter().for_each(|_| {
+        pass(1);
+        (0..10_u64).into_par_iter().for_each(|_| pass(2));
+    });
+    join(|| pass(7), || pass(9));
+    let measured = finish_span().unwrap();
+    let [work, span] = [5 + 10 + 63 + 16, 5 + 4 + 3 + 9].map(Duration::from_secs);
+    assert_eq!(measured, WorkSpan { work, span });
+    assert_eq!(measured.on(1), work);
+    assert_eq!(finish_span(), None);
+    let sum = (1..5_u64).into_par_iter().map(|x| x).sum::<u64>();
+    assert_eq!(sum, 10);
+}
+
+#[test]
+fn serial_loops_and_sorts_stop_and_others_go_on() {
+    fn stops(work: impl Fn(&AtomicBool)) {
+        let flag = Arc::new(AtomicBool::new(false));
+        assert_eq!(stoppable(&flag, || work(&flag)), None);
+    }
+    let set = |flag: &AtomicBool| flag.store(true, Ordering::Relaxed);
+    let done = AtomicUsize::new(0);
+    stops(|flag| {
+        for _ in (0..1000).until_stopped() {
+            done.fetch_add(1, Ordering::Relaxed);
+            set(flag);
+        }
+    });
+    stops(|flag| {
+        (0..1000).until_stopped().for_each(|_| {
+            done.fetch_add(1, Ordering::Relaxed);
+            set(flag);
+        });
+    });
+    stops(|flag| {
+        set(flag);
+        check_stop();
+        done.fetch_add(1, Ordering::Relaxed);
+    });
+    stops(|flag| {
+        let mut list = random(100_000);
+        set(flag);
+        list.par_sort_unstable();
+        done.fetch_add(1, Ordering::Relaxed);
+    });
+    stops(|flag| {
+        (0..1_usize).into_par_iter().map_init(|| set(flag), |(), x| x).for_each(|_| {
+            done.fetch_add(1, Ordering::Relaxed);
+        });
+    });
+    assert_eq!(done.into_inner(), 2);
+    // Without a flag, and in a detached task of a computation, nothing stops.
+    check_stop();
+    let flag = Arc::new(AtomicBool::new(false));
+    let sum = stoppable(&flag, || {
+        set(&flag);
+        detached(|| (0..10).until_stopped().sum::<i32>())
+    });
+    assert_eq!(sum, Some(45));
+}
+
+#[test]
+fn a_caught_stop_is_passed_on() {
+    let flag = Arc::new(AtomicBool::new(false));
+    let result = stoppable(&flag, || {
+        flag.store(true, Ordering::Relaxed);
+        std::panic::catch_unwind(check_stop).map_err(caught).is_err()
+    });
+    assert_eq!(result, None);
+    let panic = std::panic::catch_unwind(|| std::panic::resume_unwind(Box::new("other")));
+    let payload = panic.map_err(caught).unwrap_err();
+    assert_eq!(payload.downcast_ref(), Some(&"other"));
+}
+
+#[test]
+fn a_meter_counts_the_items_of_loops_once() {
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let meter = Arc::new(Meter::default());
+        let count = 1_usize << 17;
+        pool.install(|| {
+            meter.measure(|| {
+                // Loops inside of a parallel loop are not counted.
+                (0..count)
+                    .into_par_iter()
+                    .for_each(|_| (0..9_usize).into_par_iter().for_each(drop));
+                assert_eq!(meter.items(), count as u64);
+                let list = vec![1_u8; count];
+                list.par_chunks(1000).for_each(|_| ());
+                let [of_chunks, counted] = [meter.items() - count as u64, count as u64];
+                assert!((counted * 98 / 100..=counted).contains(&of_chunks), "{of_chunks}");
+                let before = meter.items();
+                join(
+                    || list.iter().until_stopped().count(),
+                    || list.iter().until_stopped().count(),
+                );
+                assert_eq!(meter.items() - before, 2 * count as u64);
+            });
+        });
+        let before = meter.items();
+        (0..count).into_par_iter().for_each(drop);
+        assert_eq!(meter.items(), before);
     }
 }

@@ -1,6 +1,7 @@
 //! Frontal matrices: dense columns of the factor, and the update that the elimination of these columns makes to later columns.
 
 use maquette_node::{CancelledError, Progress};
+use maquette_value::parallel::*;
 
 /// The lower half of a dense symmetric matrix, stored by columns. The first columns are eliminated; the other columns are the update for
 /// later fronts.
@@ -43,8 +44,29 @@ impl Front {
         min_pivots: &[f64],
         progress: &Progress<'_>,
     ) -> Result<bool, CancelledError> {
-        let Self { height, entries, .. } = self;
-        pulp::Arch::new().dispatch(Eliminate { height: *height, entries, min_pivots, progress })
+        let height = self.height;
+        for first in (0..min_pivots.len()).step_by(BLOCK) {
+            progress.check()?;
+            let end = (first + BLOCK).min(min_pivots.len());
+            let (done, later) = self.entries.split_at_mut(end * height);
+            let done = &mut done[first * height..];
+            let block = EliminateBlock { first, height, entries: done, min_pivots };
+            if !pulp::Arch::new().dispatch(block) {
+                return Ok(false);
+            }
+            let work = done.len() * (later.len() / height);
+            if work < MIN_PARALLEL_WORK {
+                pulp::Arch::new().dispatch(Update { done, height, first: end, columns: later });
+                continue;
+            }
+            let done = &*done;
+            let parts = later.par_chunks_mut(COLUMNS * height).enumerate();
+            parts.for_each(|(part, columns): (usize, &mut [f64])| {
+                let first = end + part * COLUMNS;
+                pulp::Arch::new().dispatch(Update { done, height, first, columns });
+            });
+        }
+        Ok(true)
     }
 
     /// Splits off and returns all columns after the first `count`.
@@ -54,55 +76,67 @@ impl Front {
     }
 }
 
-/// The elimination as a kernel, an inner loop that is compiled for several SIMD instruction sets.
-struct Eliminate<'a> {
-    height: usize,
-    entries: &'a mut [f64],
-    min_pivots: &'a [f64],
-    progress: &'a Progress<'a>,
-}
-
-impl pulp::NullaryFnOnce for Eliminate<'_> {
-    type Output = Result<bool, CancelledError>;
-
-    #[inline(always)]
-    fn call(self) -> Self::Output {
-        let Self { height, entries, min_pivots, progress } = self;
-        eliminate(entries, height, min_pivots, progress)
-    }
-}
-
 /// The number of columns that are eliminated before the other columns are updated. This many columns fit into the processor cache.
 const BLOCK: usize = 16;
 
-#[inline(always)]
-fn eliminate(
-    entries: &mut [f64],
+/// The number of columns that one parallel task updates.
+const COLUMNS: usize = 8;
+
+/// The minimum number of multiplications, half of which are needed, for which columns are updated in parallel: about 50 us.
+const MIN_PARALLEL_WORK: usize = 1 << 18;
+
+/// Eliminates neighboring columns. This is a kernel, an inner loop that is compiled for several SIMD instruction sets. Returns false if a
+/// pivot is not greater than the minimum for its column.
+struct EliminateBlock<'a> {
+    /// The index of the first of these columns.
+    first: usize,
     height: usize,
-    min_pivots: &[f64],
-    progress: &Progress<'_>,
-) -> Result<bool, CancelledError> {
-    let columns = entries.len() / height;
-    for first in (0..min_pivots.len()).step_by(BLOCK) {
-        progress.check()?;
-        let end = (first + BLOCK).min(min_pivots.len());
-        for column in first..columns {
-            let (done, own) = entries.split_at_mut(column * height);
+    entries: &'a mut [f64],
+    min_pivots: &'a [f64],
+}
+
+impl pulp::NullaryFnOnce for EliminateBlock<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn call(self) -> bool {
+        let Self { first, height, entries, min_pivots } = self;
+        for number in 0..entries.len() / height {
+            let column = first + number;
+            let (done, own) = entries.split_at_mut(number * height);
             let own = &mut own[column..height];
-            subtract(&done[first * height..column.min(end) * height], height, column, own);
-            if column >= end {
-                continue;
-            }
+            subtract(done, height, column, own);
             // The comparison is also false if the pivot is NaN.
             let is_usable = own[0] > min_pivots[column];
             if !is_usable {
-                return Ok(false);
+                return false;
             }
             let root = own[0].sqrt();
             own.iter_mut().for_each(|entry| *entry /= root);
         }
+        true
     }
-    Ok(true)
+}
+
+/// Subtracts the contributions of a block of eliminated columns from later columns, as a kernel.
+struct Update<'a> {
+    done: &'a [f64],
+    height: usize,
+    /// The index of the first of the later columns.
+    first: usize,
+    columns: &'a mut [f64],
+}
+
+impl pulp::NullaryFnOnce for Update<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { done, height, first, columns } = self;
+        for (column, own) in (first..).zip(columns.chunks_exact_mut(height)) {
+            subtract(done, height, column, &mut own[column..]);
+        }
+    }
 }
 
 /// Subtracts the contributions of the eliminated columns `done` from another column. `own` contains the entries of that column from row

@@ -4,6 +4,7 @@ use std::cmp::Ordering;
 
 use maquette_base::topology::union_find::UnionFind;
 use maquette_node::{CancelledError, Progress};
+use maquette_value::parallel::ParallelSliceMut;
 use maquette_value::{Bounds, BoxTree};
 use nalgebra::{Point3, Vector3};
 
@@ -214,7 +215,7 @@ fn patches(sheets: &[Sheet], parts: &[Part]) -> Vec<u32> {
         let [a, b, c] = sorted(parts[sheet.parts[0] as usize].corners);
         edges.extend([[a, b], [b, c], [a, c]].map(|edge| (edge, number)));
     }
-    edges.sort_unstable();
+    edges.par_sort_unstable();
     let mut sets = UnionFind::new(sheets.len());
     for same in edges.chunk_by(|a, b| a.0 == b.0) {
         if let [a, b] = same {

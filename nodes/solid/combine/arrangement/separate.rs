@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use maquette_base::topology::union_find::UnionFind;
+use maquette_value::parallel::ParallelSliceMut;
 use nalgebra::{Point3, Vector3};
 
 use super::points::Points;
@@ -138,7 +139,7 @@ fn twins(corners: &[u32], points: &Points) -> Option<Vec<usize>> {
         [corners[half], corners[next(half)]]
     }
     let mut order: Vec<usize> = (0..corners.len()).collect();
-    order.sort_unstable_by_key(|&half| (sorted(ends(half, corners)), half));
+    order.par_sort_unstable_by_key(|&half| (sorted(ends(half, corners)), half));
     let mut twins = vec![usize::MAX; corners.len()];
     fn link(a: usize, b: usize, twins: &mut [usize]) {
         twins[a] = b;

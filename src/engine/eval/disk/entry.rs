@@ -5,6 +5,7 @@ use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
 
+use maquette_node::ValueSize;
 use maquette_value::{AnyValue, Columns, EncodedValue, Hash, ValueType, fs};
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +26,8 @@ struct Header {
     columns: Vec<(Hash, u64)>,
     warnings: Vec<String>,
     shapes: Vec<String>,
+    #[serde(default)]
+    sizes: Vec<ValueSize>,
     bytes: usize,
     seconds: f64,
 }
@@ -59,6 +62,7 @@ pub(super) fn write(key: Hash, node: &str, outcome: &Outcome, kept: &[EncodedVal
         columns: columns.map(|column| (column.hash(), column.items() as u64)).collect(),
         warnings: outcome.warnings.to_vec(),
         shapes: outcome.descriptions.to_vec(),
+        sizes: outcome.sizes.to_vec(),
         bytes: outcome.bytes,
         seconds: outcome.seconds,
     };
@@ -141,8 +145,8 @@ impl Entry {
 
     pub(super) fn outcome(self) -> Outcome {
         let outputs = self.outputs.iter().map(|(kind, hash, _)| (kind.name, *hash)).collect();
-        let Header { warnings, shapes, bytes, seconds, .. } = self.header;
-        Outcome::without_values(outputs, warnings, bytes, seconds).with_descriptions(shapes)
+        let Header { warnings, shapes, sizes, bytes, seconds, .. } = self.header;
+        Outcome::without_values(outputs, warnings, bytes, seconds).with_descriptions(shapes, sizes)
     }
 
     pub(super) fn values(&self, columns: &dyn Columns) -> Option<Values> {

@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use maquette_graph::Recipe;
 use maquette_graph::files::KnownFile;
+use maquette_node::ValueSize;
 use maquette_value::Hash;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
@@ -48,6 +49,8 @@ struct NodeResult {
     bytes: usize,
     seconds: f64,
     shapes: Vec<String>,
+    #[serde(default)]
+    sizes: Vec<ValueSize>,
 }
 
 pub(super) fn write(snapshot: &Snapshot, files: &[KnownFile]) -> Vec<u8> {
@@ -93,6 +96,7 @@ fn to_result(done: &NodeRecord) -> NodeResult {
         bytes: outcome.bytes,
         seconds: outcome.seconds,
         shapes: outcome.descriptions.to_vec(),
+        sizes: outcome.sizes.to_vec(),
     }
 }
 
@@ -140,6 +144,6 @@ fn parse_result(result: NodeResult, store: &Store) -> Option<NodeRecord> {
         files: result.files.into(),
     };
     let known = Outcome::without_values(outputs, result.warnings, result.bytes, result.seconds);
-    let outcome = known.with_descriptions(result.shapes);
+    let outcome = known.with_descriptions(result.shapes, result.sizes);
     Some(NodeRecord { key: parts.key(), parts, outcome: Arc::new(outcome) })
 }
