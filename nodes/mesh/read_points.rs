@@ -1,7 +1,7 @@
 //! Reads points from a file.
 
 use maquette_base::unit::Unit;
-use maquette_node::{ColorRange, Context, Error, FilePath, Forecast, Node, Sizes};
+use maquette_node::{Blocks, ColorRange, Context, Error, FilePath, Forecast, Node, Sizes};
 use maquette_value::Points;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -29,6 +29,7 @@ pub struct ReadPoints {
 impl Node for ReadPoints {
     type Outputs = (Points,);
     const OUTPUTS: [&'static str; 1] = ["points"];
+    const BLOCKS: Blocks = Blocks::Each;
 
     fn forecast(&self, sizes: &Sizes<'_>) -> Option<Forecast> {
         let points = sizes.file::<Points>(&self.path)?;

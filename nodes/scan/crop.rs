@@ -1,6 +1,6 @@
 //! Removes the parts of a scan outside of a region.
 
-use maquette_node::{Carry, Context, Error, In, Node, Transfer};
+use maquette_node::{Blocks, Carry, Context, Error, In, Node, Transfer};
 use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -32,6 +32,7 @@ pub struct Crop {
 impl Node for Crop {
     type Outputs = (Scan,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+    const BLOCKS: Blocks = Blocks::Each;
 
     const CARRIES: &'static [Carry] = &[
         Carry::uniform("mesh", "mesh", Transfer::Kept).and_cells(Transfer::Kept),

@@ -19,6 +19,7 @@ use maquette_syntax::error::panic_message;
 use maquette_syntax::error::{Diagnostic, Error, Severity, code};
 use maquette_value::{AnyValue, Hash};
 
+mod blocks;
 mod cache;
 mod compute;
 mod disk;
@@ -37,6 +38,7 @@ mod trace;
 mod watchdog;
 mod why;
 
+use blocks::BlockOptions;
 use cache::{Cache, Values};
 use compute::FileChangedError;
 pub use disk::this_is_a_program;
@@ -110,6 +112,7 @@ pub struct Evaluator {
     ignores_disk: bool,
     /// The fraction (0 to 1) of cached results that is computed again and compared with the cache.
     verified_fraction: f64,
+    blocks: BlockOptions,
     /// If cached results are verified: the keys of the results that were computed since the last evaluation ended. A result with one of
     /// these keys is not verified again.
     verified: Mutex<HashSet<Hash>>,
@@ -365,6 +368,7 @@ impl Evaluator {
             preflight_events,
             ignores_disk,
             verified_fraction: 0.0,
+            blocks: BlockOptions::default(),
             verified: Mutex::default(),
         }
     }
@@ -396,6 +400,14 @@ impl Evaluator {
     pub fn with_max_memory(mut self, bytes: u64) -> Self {
         self.cache.set_limit(usize::try_from(bytes).unwrap_or(usize::MAX).min(self.cache.limit()));
         Self { max_bytes: Some(bytes), ..self }
+    }
+
+    /// Reads files of points with at least `min_file_size` bytes in blocks of `block_len` points, if the nodes allow it. The results do not
+    /// depend on it.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn with_blocks(self, min_file_size: u64, block_len: usize) -> Self {
+        Self { blocks: BlockOptions { min_file_size, block_len }, ..self }
     }
 
     /// Returns the disk cache, or `None` if results are kept only in memory.

@@ -2,13 +2,15 @@
 //!
 //! The crate `e57` trusts the sizes that a file states, so they are checked here before the crate reads the file.
 
-use std::io::Cursor;
+use std::io::{Cursor, SeekFrom};
 
 use e57::{
     CartesianCoordinate, E57Reader, Point, PointCloud, RecordDataType, SphericalCoordinate,
     Transform,
 };
-use maquette_node::importers::{FileReader, InputFile};
+use maquette_node::importers::{
+    BlockFile, FileReader, InputFile, NotInBlocks, ReadBlocks, ReadSeek,
+};
 use maquette_syntax::bail;
 use maquette_syntax::error::Error;
 use maquette_value::{Attribute, Points, Rgb};
@@ -34,28 +36,94 @@ pub fn read(bytes: &[u8]) -> Result<Points, Error> {
 
 /// Reads the points. Also returns the number of points that are left out because a coordinate is NaN or infinite.
 fn read_finite(bytes: &[u8]) -> Result<(Points, usize), Error> {
-    // Check the stated length of the description: the crate reserves this much memory before it reads the description.
-    if let Some(length) = bytes.get(DESCRIPTION).and_then(<[u8]>::first_chunk) {
-        let expected = u64::from_le_bytes(*length);
-        if expected > bytes.len() as u64 {
-            let found = bytes.len();
-            bail!(
-                "the description should have {expected} bytes, but the file has {found}: it is truncated, copy it again"
-            );
-        }
+    let mut all = None;
+    let mut content = Cursor::new(bytes);
+    let mut file = BlockFile {
+        content: &mut content,
+        size: bytes.len() as u64,
+        color_range: None,
+        block_len: usize::MAX,
+    };
+    let left_out = read_scans(&mut file, &mut |points| {
+        all = Some(points);
+        Ok(())
+    })?;
+    Ok((all.expect("there is an error if there are no points"), left_out))
+}
+
+/// Reads the points in blocks.
+fn read_blocks(
+    file: &mut BlockFile<'_>,
+    sink: &mut dyn FnMut(Points) -> Result<(), Error>,
+) -> Result<(), Error> {
+    match read_scans(file, sink)? {
+        0 => Ok(()),
+        _ => Err(NotInBlocks.into()),
     }
-    if has_many_namespaces(&E57Reader::raw_xml(Cursor::new(bytes)).map_err(broken_file)?) {
+}
+
+/// Returns an error if the stated length of the description exceeds the size of the file: the crate reserves this much memory before it
+/// reads the description.
+fn check_description(content: &mut dyn ReadSeek, found: u64) -> Result<(), Error> {
+    if found < DESCRIPTION.end as u64 {
+        return Ok(());
+    }
+    let mut length = [0; size_of::<u64>()];
+    content.seek(SeekFrom::Start(DESCRIPTION.start as u64))?;
+    content.read_exact(&mut length)?;
+    content.rewind()?;
+    let expected = u64::from_le_bytes(length);
+    if expected > found {
+        bail!(
+            "the description should have {expected} bytes, but the file has {found}: it is truncated, copy it again"
+        );
+    }
+    Ok(())
+}
+
+/// The points of a block.
+#[derive(Default)]
+struct Block {
+    positions: Vec<Point3<f64>>,
+    /// Empty if no scan has colors.
+    colors: Vec<Rgb>,
+    /// Empty if no scan has intensities.
+    intensities: Vec<f64>,
+}
+
+impl Block {
+    fn into_points(self) -> Result<Points, Error> {
+        let mut points = Points::new(self.positions)?;
+        if !self.colors.is_empty() {
+            points = points.with_attribute("color", Attribute::Color(self.colors.into()))?;
+        }
+        if !self.intensities.is_empty() {
+            let intensities = Attribute::Number(self.intensities.into());
+            points = points.with_attribute("intensity", intensities)?;
+        }
+        Ok(points)
+    }
+}
+
+/// Reads the points of all scans in blocks. Returns the number of points that are left out because a coordinate is NaN or infinite.
+fn read_scans(
+    file: &mut BlockFile<'_>,
+    sink: &mut dyn FnMut(Points) -> Result<(), Error>,
+) -> Result<usize, Error> {
+    check_description(file.content, file.size)?;
+    if has_many_namespaces(&E57Reader::raw_xml(&mut *file.content).map_err(broken_file)?) {
         bail!("the description declares more than {MAX_NAMESPACES} namespaces");
     }
-    let mut file = E57Reader::new(Cursor::new(bytes)).map_err(broken_file)?;
+    file.content.rewind()?;
+    let block_len = file.block_len;
+    let size = usize::try_from(file.size)?;
+    let mut file = E57Reader::new(&mut *file.content).map_err(broken_file)?;
     let scans = file.pointclouds();
-    check(&scans, bytes.len())?;
+    check(&scans, size)?;
     let has_colors = scans.iter().any(PointCloud::has_color);
     let has_intensities = scans.iter().any(PointCloud::has_intensity);
-    let mut positions = Vec::new();
-    let mut colors: Vec<Rgb> = Vec::new();
-    let mut intensities = Vec::new();
-    let mut left_out = 0;
+    let mut block = Block::default();
+    let (mut is_empty, mut left_out) = (true, 0);
     for (index, scan) in scans.iter().enumerate().filter(|(_, scan)| scan.records > 0) {
         let pose = pose(index, scan.transform.clone().unwrap_or_default())?;
         let mut points = file.pointcloud_simple(scan).map_err(broken_file)?;
@@ -77,30 +145,28 @@ fn read_finite(bytes: &[u8]) -> Result<(Points, usize), Error> {
                 left_out += 1;
                 continue;
             }
-            positions.push(pose * position);
+            if block.positions.len() == block_len {
+                sink(std::mem::take(&mut block).into_points()?)?;
+            }
+            is_empty = false;
+            block.positions.push(pose * position);
             if has_colors {
                 let color = point.color.map(|color| {
                     [color.red, color.green, color.blue]
                         .map(|channel: f32| (channel * 255.0).round() as u8)
                 });
-                colors.push(color.unwrap_or_default());
+                block.colors.push(color.unwrap_or_default());
             }
             if has_intensities {
-                intensities.push(point.intensity.map_or(0.0, f64::from));
+                block.intensities.push(point.intensity.map_or(0.0, f64::from));
             }
         }
     }
-    if positions.is_empty() {
+    if is_empty {
         bail!("the {} scans have no valid points", scans.len());
     }
-    let mut points = Points::new(positions)?;
-    if has_colors {
-        points = points.with_attribute("color", Attribute::Color(colors.into()))?;
-    }
-    if has_intensities {
-        points = points.with_attribute("intensity", Attribute::Number(intensities.into()))?;
-    }
-    Ok((points, left_out))
+    sink(block.into_points()?)?;
+    Ok(left_out)
 }
 
 /// Converts an error of the crate `e57`.
@@ -185,6 +251,7 @@ impl FileReader for PointsE57 {
     type Value = Points;
     const EXTENSIONS: &'static [&'static str] = &["e57"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
+    const BLOCKS: Option<ReadBlocks> = Some(read_blocks);
     const SIZE: crate::SizeReader = Some(crate::size::e57);
 
     fn read(file: &InputFile<'_>) -> Result<Points, Error> {

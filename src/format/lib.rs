@@ -32,6 +32,8 @@ pub mod stl;
 pub mod tiff;
 pub mod xyz;
 
+#[cfg(test)]
+mod block_tests;
 mod colors;
 mod common;
 mod corners;

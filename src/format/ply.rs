@@ -12,8 +12,8 @@ use table::Table;
 use super::colors::ColorRange;
 use super::finite::FiniteMask;
 
+mod blocks;
 mod body;
-
 mod faces;
 mod header;
 mod points;
@@ -122,13 +122,18 @@ fn read_finite(
     color_range: Option<ColorRange>,
 ) -> Result<(Points, usize, Vec<String>), Error> {
     let Contents { mesh, finite, notes, .. } = read_contents(bytes, color_range)?;
+    Ok((finite.points(points_of(&mesh)), finite.n_left_out(), notes))
+}
+
+/// Returns the vertices of a mesh, with their attributes.
+fn points_of(mesh: &Mesh) -> Points {
     let mut points = Points::new(mesh.positions().clone()).expect("a mesh has finite positions");
     for (name, attribute) in mesh.vertex().iter() {
         points = points
             .with_attribute(name, attribute.clone())
             .expect("a mesh has an entry for each vertex");
     }
-    Ok((finite.points(points), finite.n_left_out(), notes))
+    points
 }
 
 fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), Error> {

@@ -1,6 +1,8 @@
 //! XYZ, points as text: one line per point, `x y z`, optionally followed by a color or a normal.
 
-use maquette_node::importers::{FileReader, InputFile};
+use std::io::{BufRead, BufReader};
+
+use maquette_node::importers::{BlockFile, FileReader, InputFile, NotInBlocks, ReadBlocks};
 use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::bail;
 use maquette_syntax::error::Error;
@@ -40,51 +42,61 @@ fn read_with_notes(
         table.read_line(&text[..end], line)?;
     }
     let mut notes = Vec::new();
-    let count = table.numbers.len() / table.columns.max(1);
+    let count = table.count();
     if count == 0 {
         bail!("the file has no points");
     }
     if let Some(stated) = table.stated_count.filter(|stated| *stated != count as f64) {
         notes.push(format!("the first line states {stated} points, but there are {count}"));
     }
-    let roles = table.roles(&mut notes);
-    let mut places = table.triples(0);
-    let finite = FiniteMask::clear_non_finite(&mut places);
-    notes.extend(finite::left_out_note(finite.n_left_out(), "point"));
-    let mut points = Points::new(places)?;
-    for (role, at) in roles {
-        let (name, attribute) = match role {
-            Role::Color => {
-                let channels = table.triples(at);
-                let all = channels.iter().flat_map(|color| color.iter().copied());
-                let are_whole = all.clone().all(|channel| channel.fract() == 0.0);
-                let range = colors::decide(colors, all, are_whole, ColorRange::To255, &mut notes);
-                (
-                    "color".to_owned(),
-                    Attribute::Color(
-                        channels
-                            .iter()
-                            .map(|color| {
-                                [color.x, color.y, color.z].map(|x| colors::byte(range, x))
-                            })
-                            .collect(),
-                    ),
-                )
-            }
-            Role::Normal => {
-                let mut normals: Vec<_> =
-                    table.triples(at).iter().map(|n| [n.x, n.y, n.z]).collect();
-                notes.extend(finite::replace_non_finite(&mut normals, "normal", "point", |k| {
-                    finite.contains(k)
-                }));
-                ("normal".to_owned(), Attribute::Vector(normals.into()))
-            }
-            Role::Number(name) => (name, Attribute::Number(table.column(at).collect())),
-        };
-        points = points.with_attribute(&name, attribute)?;
-    }
-    Ok((finite.points(points), notes))
+    let points = table.points(colors, &mut notes)?;
+    Ok((points, notes))
 }
+
+/// Reads the points in blocks. Each block guesses the roles of the columns from its own lines. If all guesses agree, they are those of the
+/// whole file; otherwise the blocks have different attributes, or there is a note.
+fn read_blocks(
+    file: &mut BlockFile<'_>,
+    sink: &mut dyn FnMut(Points) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let (colors, block_len) = (file.color_range, file.block_len);
+    let mut lines = BufReader::new(&mut *file.content);
+    let start = lines.fill_buf()?;
+    if start.starts_with(BOM) || !start.contains(&b'\n') {
+        return Err(NotInBlocks.into());
+    }
+    let (mut table, mut count, mut text) = (Table::default(), 0, Vec::new());
+    for line in 1.. {
+        text.clear();
+        let is_end = lines.read_until(b'\n', &mut text)? == 0;
+        let end = text.iter().position(|byte| b"\n#".contains(byte)).unwrap_or(text.len());
+        table.read_line(&text[..end], line)?;
+        if table.count() < block_len && !(is_end && table.count() > 0) {
+            if is_end {
+                break;
+            }
+            continue;
+        }
+        // With a given range, blocks of colors from 0 to 1 and from 0 to 255 would not be told apart.
+        let is_ambiguous = colors.is_some() && table.names.is_empty() && table.columns > 3;
+        let mut notes = Vec::new();
+        let points = table.points(colors, &mut notes)?;
+        if is_ambiguous || !notes.is_empty() {
+            return Err(NotInBlocks.into());
+        }
+        count += table.count();
+        table.numbers.clear();
+        sink(points)?;
+        if is_end {
+            break;
+        }
+    }
+    let is_stated = table.stated_count.is_none_or(|stated| stated == count as f64);
+    if count > 0 && is_stated { Ok(()) } else { Err(NotInBlocks.into()) }
+}
+
+/// A byte order mark.
+const BOM: &[u8] = b"\xef\xbb\xbf";
 
 /// The meaning of one or three columns after the coordinates.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -131,6 +143,55 @@ impl Table {
             }
         }
         Ok(())
+    }
+
+    /// The number of lines with numbers.
+    fn count(&self) -> usize {
+        self.numbers.len() / self.columns.max(1)
+    }
+
+    /// Returns the points with finite coordinates. Adds warnings to `notes`.
+    fn points(&self, colors: Option<ColorRange>, notes: &mut Vec<String>) -> Result<Points, Error> {
+        let roles = self.roles(notes);
+        let mut places = self.triples(0);
+        let finite = FiniteMask::clear_non_finite(&mut places);
+        notes.extend(finite::left_out_note(finite.n_left_out(), "point"));
+        let mut points = Points::new(places)?;
+        for (role, at) in roles {
+            let (name, attribute) = match role {
+                Role::Color => {
+                    let channels = self.triples(at);
+                    let all = channels.iter().flat_map(|color| color.iter().copied());
+                    let are_whole = all.clone().all(|channel| channel.fract() == 0.0);
+                    let range = colors::decide(colors, all, are_whole, ColorRange::To255, notes);
+                    (
+                        "color".to_owned(),
+                        Attribute::Color(
+                            channels
+                                .iter()
+                                .map(|color| {
+                                    [color.x, color.y, color.z].map(|x| colors::byte(range, x))
+                                })
+                                .collect(),
+                        ),
+                    )
+                }
+                Role::Normal => {
+                    let mut normals: Vec<_> =
+                        self.triples(at).iter().map(|n| [n.x, n.y, n.z]).collect();
+                    notes.extend(finite::replace_non_finite(
+                        &mut normals,
+                        "normal",
+                        "point",
+                        |k| finite.contains(k),
+                    ));
+                    ("normal".to_owned(), Attribute::Vector(normals.into()))
+                }
+                Role::Number(name) => (name, Attribute::Number(self.column(at).collect())),
+            };
+            points = points.with_attribute(&name, attribute)?;
+        }
+        Ok(finite.points(points))
     }
 
     fn column(&self, at: usize) -> impl Iterator<Item = f64> {
@@ -384,6 +445,7 @@ fn encode(
 
 impl FileReader for PointsXyz {
     type Value = Points;
+    const BLOCKS: Option<ReadBlocks> = Some(read_blocks);
     const EXTENSIONS: &'static [&'static str] = &["xyz", "xyzn", "xyzrgb", "xyzi", "pts", "asc"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
     const SIZE: crate::SizeReader = Some(crate::size::rows);

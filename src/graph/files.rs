@@ -218,6 +218,28 @@ impl<'a> Reads<'a> {
         }
     }
 
+    /// Returns the hash of a large file without companions. Reads it piece by piece if its metadata does not prove it unchanged.
+    pub fn hash_in_pieces(&self, file: &NodeFile) -> Result<Hash, ReadError> {
+        if let Some(Some(hash)) = self.known.cached_hash(&file.path) {
+            return Ok(hash);
+        }
+        let start = Instant::now();
+        let stamp = FileStat::read(&file.path);
+        let hash = fs::open(&file.path)
+            .and_then(Hash::of_reader)
+            .map_err(|error| ReadError { name: file.given.clone(), reason: error.to_string() })?;
+        if let Some(stamp) = stamp.filter(FileStat::is_settled) {
+            self.known.remember(&file.path, ReadState { stamp, companions: Vec::new(), hash });
+        }
+        self.add_time(start);
+        Ok(hash)
+    }
+
+    fn add_time(&self, start: Instant) {
+        let nanoseconds = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        self.nanoseconds.fetch_add(nanoseconds, Ordering::Relaxed);
+    }
+
     /// Returns the file with its content. `None` if the file is optional and does not exist.
     pub fn file(&self, file: &NodeFile) -> Result<Option<File>, ReadError> {
         let slot = lock(&self.read).entry(file.path.clone()).or_default().clone();
@@ -227,8 +249,7 @@ impl<'a> Reads<'a> {
             None => {
                 let start = Instant::now();
                 let found = self.read(file)?;
-                let nanoseconds = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
-                self.nanoseconds.fetch_add(nanoseconds, Ordering::Relaxed);
+                self.add_time(start);
                 slot.get_or_init(|| found).clone()
             }
         };

@@ -1,6 +1,6 @@
 //! The context of a running node: its inputs, its files, progress reports, and cancellation.
 
-use std::any::type_name;
+use std::any::{Any, type_name};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::PathBuf;
@@ -13,8 +13,9 @@ use maquette_syntax::error::{CancelledError, Error};
 use maquette_value::parallel::{Meter, stoppable};
 use maquette_value::{AnyValue, Hash, Memo, Value, hash_of_memo, value_type};
 
+use crate::blocks::PointBlock;
 use crate::file::{File, FilePath, ReadError};
-use crate::importers::{ColorRange, InputFile, NoReader, Readers};
+use crate::importers::{ColorRange, InputFile, NoReader, NotInBlocks, Readers};
 use crate::port::{In, PortType, value_at};
 
 /// Progress reporting and cancellation.
@@ -137,6 +138,9 @@ pub struct Context<'a> {
     pub memos: Option<&'a dyn Memos>,
     #[doc(hidden)]
     pub readers: &'a Readers,
+    /// The points that take the place of a file, if the node reads it block by block.
+    #[doc(hidden)]
+    pub block: Option<&'a PointBlock>,
     #[doc(hidden)]
     pub warnings: Mutex<Vec<String>>,
 }
@@ -180,6 +184,10 @@ impl Context<'_> {
         path: &FilePath,
         range: Option<ColorRange>,
     ) -> Result<T, Error> {
+        if let Some(block) = self.block {
+            let points: &dyn Any = block.read(range)?;
+            return points.downcast_ref::<T>().cloned().ok_or_else(|| NotInBlocks.into());
+        }
         let file = self.file(path)?;
         let beside = |name: &str| file.companion(name);
         let reading = InputFile::new(file.name(), file.bytes(), &beside).with_color_range(range);

@@ -4,6 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::fmt;
+use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -11,7 +12,7 @@ use maquette_syntax::error::Error;
 use maquette_syntax::paths::{PathError, may_read, project_root};
 use maquette_value::fs;
 use maquette_value::fs::{extension, strip_bom};
-use maquette_value::{AnyValue, Mesh, Value, ValueType, value_type};
+use maquette_value::{AnyValue, Mesh, Points, Value, ValueType, value_type};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -41,10 +42,43 @@ pub trait FileReader {
     /// as a part of the file: results are computed again when a companion changes, and a watch monitors it. The function must never panic.
     const COMPANIONS: Option<fn(&InputFile<'_>)> = None;
 
+    /// A function that reads the points of a large file in blocks; `None` if the format does not allow it. Only for readers of points
+    /// without companions.
+    const BLOCKS: Option<ReadBlocks> = None;
     /// A function that tells the size of the value from the first bytes of a file and its length. It returns `None` if they do not tell.
     /// `None` if the format does not state sizes. The function must never panic.
     const SIZE: Option<fn(&FileHead<'_>) -> Option<ValueSize>> = None;
 }
+
+/// A file at any position of which bytes can be read.
+pub trait ReadSeek: Read + Seek {}
+
+impl<T: Read + Seek> ReadSeek for T {}
+
+/// A file of points that a reader reads in blocks.
+pub struct BlockFile<'a> {
+    /// The content of the file.
+    pub content: &'a mut dyn ReadSeek,
+    /// The size of the file in bytes.
+    pub size: u64,
+    /// The maximum value of a color channel that the user has specified.
+    pub color_range: Option<ColorRange>,
+    /// The number of points in each block except the last one.
+    pub block_len: usize,
+}
+
+/// A function that reads the points of a file in blocks, and passes each block on. Joined, the blocks are the points that
+/// [`FileReader::read`] returns, bit for bit.
+///
+/// It fails with [`NotInBlocks`] if a block depends on later ones, or `read` would warn: the file is then read as a whole. It may also fail
+/// with any other error, for the same reason: then `read` reports its own error.
+pub type ReadBlocks =
+    fn(&mut BlockFile<'_>, &mut dyn FnMut(Points) -> Result<(), Error>) -> Result<(), Error>;
+
+/// The error that a file must be read as a whole.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+#[error("the file cannot be read in blocks")]
+pub struct NotInBlocks;
 
 /// The maximum value of a color channel, for files that do not specify it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -133,6 +167,7 @@ pub struct AnyReader {
     kind: fn() -> &'static ValueType,
     read: fn(&InputFile<'_>) -> Result<AnyValue, Error>,
     companions: Option<fn(&InputFile<'_>)>,
+    blocks: Option<ReadBlocks>,
     size: Option<fn(&FileHead<'_>) -> Option<ValueSize>>,
     /// The data of meshes and points that the reader preserves.
     #[doc(hidden)]
@@ -146,6 +181,7 @@ pub const fn reader<R: FileReader>() -> AnyReader {
         kind: value_type::<R::Value>,
         read: |file| R::read(file).map(AnyValue::new),
         companions: R::COMPANIONS,
+        blocks: R::BLOCKS,
         size: R::SIZE,
         fidelity: R::FIDELITY,
     }
@@ -273,6 +309,13 @@ impl Readers {
                 Err(NoReader { what: "value", extension: ending, known }.into())
             }
         }
+    }
+
+    /// Returns the function that reads points in blocks from files with this extension; `None` if they are read as a whole.
+    #[doc(hidden)]
+    pub fn read_blocks(&self, extension: &str) -> Option<ReadBlocks> {
+        let of_points = self.0.iter().filter(|reader| reader.kind().name == Points::NAME);
+        of_points.filter(|reader| reader.extensions.contains(&extension)).find_map(|it| it.blocks)
     }
 
     /// Returns the size of the value of type `kind` in a file. `None` if the start of the file does not tell it.

@@ -10,6 +10,7 @@ use schemars::Schema;
 use super::{
     Carry, Context, Exactness, FieldError, FilePath, Node, Outputs, Previous, Source, Term,
 };
+use crate::blocks::Blocks;
 use crate::budget::Estimate;
 use crate::size::{Forecast, Sizes};
 
@@ -94,6 +95,11 @@ pub trait AnyNode: Send + Sync {
         None
     }
 
+    /// Returns how the node handles a part of the points: see [`Node::BLOCKS`].
+    fn blocks(&self) -> Blocks {
+        Blocks::Whole
+    }
+
     /// Returns the required properties of inputs, as pairs of a port and a property.
     fn wants(&self) -> Vec<(&'static str, &'static str)> {
         Vec::new()
@@ -136,6 +142,10 @@ impl<T: Node> AnyNode for T {
 
     fn check(&self) -> Result<(), FieldError> {
         Node::check(self)
+    }
+
+    fn blocks(&self) -> Blocks {
+        T::BLOCKS
     }
 
     fn wants(&self) -> Vec<(&'static str, &'static str)> {

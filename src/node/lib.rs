@@ -13,6 +13,7 @@ pub mod importers;
 pub mod pack;
 pub mod provenance;
 
+mod blocks;
 mod carry;
 mod context;
 mod exactness;
@@ -26,6 +27,7 @@ mod previous;
 mod size;
 mod terms;
 
+pub use blocks::{Blocks, PointBlock};
 pub use budget::{Estimate, Limit, LimitError};
 pub use carry::{Carry, DOMAINS, Transfer};
 pub use context::{CancelToken, Context, Memos, Progress};
@@ -34,7 +36,8 @@ pub use fidelity::{DataKind, Fidelities, Fidelity};
 pub use field_error::FieldError;
 pub use file::{Companions, File, FilePath, ReadError};
 pub use importers::{
-    AnyReader, ColorRange, CompanionLookup, FileReader, InputFile, NoReader, reader,
+    AnyReader, BlockFile, ColorRange, CompanionLookup, FileReader, InputFile, NoReader,
+    NotInBlocks, reader,
 };
 pub use kind::{AnyNode, NodeType, Output, node};
 pub use maquette_syntax::Reader;

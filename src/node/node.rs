@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::blocks::Blocks;
 use crate::budget::Estimate;
 use crate::carry::Carry;
 use crate::context::Context;
@@ -40,6 +41,11 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
 
     /// How closely the results agree between machines and builds. By default they have the same bytes.
     const EXACTNESS: Exactness = Exactness::Exact;
+
+    /// How the node handles a part of the points, so that a large file need not be in memory as a whole. Only for nodes with one output,
+    /// which take points at one port, or read them from the file of their only [`FilePath`]. A node that reads a file must be
+    /// [`Each`](Blocks::Each). The node may only warn if its result is empty: warnings about blocks are dropped.
+    const BLOCKS: Blocks = Blocks::Whole;
 
     /// Returns optional files to be read, in addition to the files in the fields.
     fn files(&self) -> Vec<FilePath> {

@@ -6,7 +6,8 @@ use thiserror::Error;
 
 use super::content::Content;
 use super::{
-    Column, DecodeError, Decoder, ElementKind, Encoder, Items, Meaning, Part, PartsError, Rgb,
+    Bytes, Column, DecodeError, Decoder, ElementKind, Encoder, Items, Meaning, Part, PartsError,
+    Rgb,
 };
 use crate::parallel::*;
 
@@ -151,14 +152,58 @@ impl Attribute {
         })
     }
 
-    fn encode(&self, to: &mut Encoder) {
+    /// The number of the attribute's type, as stored values contain it.
+    pub(super) fn tag(&self) -> u8 {
         match self {
-            Self::Number(column) => to.plain(&0u8).column(column),
-            Self::Index(column) => to.plain(&1u8).column(column),
-            Self::Flag(column) => to.plain(&2u8).column(column),
-            Self::Pair(column) => to.plain(&3u8).column(column),
-            Self::Vector(column) => to.plain(&4u8).column(column),
-            Self::Color(column) => to.plain(&5u8).column(column),
+            Self::Number(_) => 0,
+            Self::Index(_) => 1,
+            Self::Flag(_) => 2,
+            Self::Pair(_) => 3,
+            Self::Vector(_) => 4,
+            Self::Color(_) => 5,
+        }
+    }
+
+    /// The attribute's column, whatever the type of its items is.
+    pub(super) fn column(&self) -> &dyn Bytes {
+        match self {
+            Self::Number(column) => column,
+            Self::Index(column) => column,
+            Self::Flag(column) => column,
+            Self::Pair(column) => column,
+            Self::Vector(column) => column,
+            Self::Color(column) => column,
+        }
+    }
+
+    /// Joins attributes of one type; `None` if they have several types, or there are none.
+    pub(super) fn concat(all: &[&Self]) -> Option<Self> {
+        macro_rules! concat {
+            ($($variant:ident)+) => {
+                match all.first()? {
+                    $(Self::$variant(_) => {
+                        let mut items = Vec::with_capacity(all.iter().map(|it| it.len()).sum());
+                        for attribute in all {
+                            let Self::$variant(column) = attribute else { return None };
+                            items.extend_from_slice(column);
+                        }
+                        Some(Self::$variant(items.into()))
+                    })+
+                }
+            };
+        }
+        concat!(Number Index Flag Pair Vector Color)
+    }
+
+    fn encode(&self, to: &mut Encoder) {
+        to.plain(&self.tag());
+        match self {
+            Self::Number(column) => to.column(column),
+            Self::Index(column) => to.column(column),
+            Self::Flag(column) => to.column(column),
+            Self::Pair(column) => to.column(column),
+            Self::Vector(column) => to.column(column),
+            Self::Color(column) => to.column(column),
         };
     }
 

@@ -14,6 +14,7 @@ mod blocks;
 mod buffer_pool;
 mod diff;
 
+pub(crate) use blocks::ColumnHasher;
 use blocks::{Blocks, of_one_block};
 use buffer_pool::{BufferPool, SpareBuffer, copy};
 

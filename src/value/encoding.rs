@@ -83,6 +83,11 @@ impl Encoder {
         if is_separate { self } else { self.part(bytes) }
     }
 
+    /// Writes a column of which only the hash is known. The content cannot be stored.
+    pub(super) fn column_hash(&mut self, hash: Hash) -> &mut Self {
+        self.part(&hash.0)
+    }
+
     /// Writes a column whose hash is known. The function `column` is called only if the column is to be stored.
     pub(super) fn column_of_hash<T: NoUninit + Send + Sync>(
         &mut self,
@@ -91,7 +96,7 @@ impl Encoder {
     ) -> &mut Self {
         match self.columns {
             Some(_) => self.column(&column()),
-            None => self.part(&hash.0),
+            None => self.column_hash(hash),
         }
     }
 

@@ -80,6 +80,12 @@ pub fn read_no_follow(path: &Path) -> Result<Vec<u8>> {
     fs::read(path)
 }
 
+/// Opens a regular file for reading. Follows symbolic links.
+pub fn open(path: &Path) -> Result<fs::File> {
+    check_regular_file(&fs::metadata(path)?)?;
+    fs::File::open(path)
+}
+
 /// Opens a regular file for reading. Does not follow a symbolic link.
 pub fn open_no_follow(path: &Path) -> Result<fs::File> {
     check_regular_file(&fs::symlink_metadata(path)?)?;

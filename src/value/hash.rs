@@ -1,6 +1,7 @@
 //! The hash of a value's content.
 
 use std::fmt;
+use std::io::Read;
 
 /// The minimum number of bytes that are hashed by several threads. For fewer bytes one thread is faster, because waking the other threads
 /// costs about 10 us.
@@ -17,6 +18,20 @@ impl Hash {
             return Self(*blake3::hash(bytes).as_bytes());
         }
         Self(*blake3::Hasher::new().update_rayon(bytes).finalize().as_bytes())
+    }
+
+    /// Computes the hash of all bytes of a file, piece by piece.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn of_reader(mut file: impl Read) -> std::io::Result<Self> {
+        const PIECE: u64 = 4 << 20;
+        let (mut hasher, mut piece) = (blake3::Hasher::new(), Vec::new());
+        while file.by_ref().take(PIECE).read_to_end(&mut piece)? > 0 {
+            hasher.update_rayon(&piece);
+            piece.clear();
+        }
+        Ok(Self(*hasher.finalize().as_bytes()))
     }
 
     /// Parses a text that [`Display`](fmt::Display) has written. `None` if the text is not a hash.

@@ -42,6 +42,7 @@ mod material;
 mod memo;
 mod mesh;
 mod parts;
+mod point_blocks;
 mod points;
 mod property;
 mod range;
@@ -85,6 +86,7 @@ pub use mesh::{
 pub use parts::{
     ElementKind, Fact, FactValue, Items, Meaning, Part, Parts, PartsError, Range, ranges,
 };
+pub use point_blocks::{BlocksDiffer, PointsDigest, PointsHasher};
 pub use points::{Points, PointsError, first_not_finite};
 pub use property::{Property, ViolatingElement, Violation};
 pub use range::{RangeError, RangeImage, SeamGaps};

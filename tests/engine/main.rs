@@ -1,6 +1,7 @@
 //! Tests of the engine from the point of view of packs and host programs. They form one program, because linking a program for each test
 //! takes long.
 
+mod blocks;
 mod builds;
 mod cache;
 mod conformance;

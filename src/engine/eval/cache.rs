@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 
 use maquette_node::{Memos, ValueSize};
 use maquette_value::parallel::caught;
-use maquette_value::{AnyValue, Fact, FactValue, Hash};
+use maquette_value::{AnyValue, Fact, FactValue, Hash, Points, PointsDigest, Value};
 
 use super::lock;
 
@@ -42,6 +42,16 @@ impl Outcome {
         let sizes = values.iter().map(size).collect();
         let outcome = Self::without_values(outputs, warnings, bytes, seconds);
         Self { values: Mutex::new(Some(values.clone())), descriptions: shapes, sizes, ..outcome }
+    }
+
+    /// Creates the outcome of a node whose points were hashed in blocks, without its values.
+    pub(super) fn of_points(points: &PointsDigest, seconds: f64) -> Self {
+        let outputs = [(Points::NAME, points.hash)].into();
+        let description = format!("{} points", FactValue::Count(points.count));
+        let outcome = Self::without_values(outputs, Vec::new(), points.bytes, seconds);
+        let size = ValueSize::points(points.count as f64, 0.0);
+        let attributes = points.bytes as f64 - size.bytes;
+        outcome.with_descriptions(vec![description], vec![size.with_more_bytes(attributes)])
     }
 
     /// Creates an outcome from the hashes of its values. The values can be attached later.

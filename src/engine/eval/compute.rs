@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use maquette_graph::{ELEMENTS, GraphNode, Link};
 use maquette_node::budget::{Estimate, MemoryError};
-use maquette_node::{AnyNode, Context, File, Previous, Progress, ValueSize};
+use maquette_node::{AnyNode, Context, File, PointBlock, Previous, Progress, ValueSize};
 use maquette_syntax::error::{CancelledError, Error};
 use maquette_value::Hash;
 
@@ -27,6 +27,15 @@ pub(super) enum LoadedFiles {
     Changed(Box<[Option<Hash>]>),
 }
 
+/// A result that was just computed.
+pub(super) struct Computed {
+    pub(super) outcome: Arc<Outcome>,
+    /// `None` if only the hash of the value was computed.
+    pub(super) values: Option<Values>,
+    pub(super) estimate: Option<Estimate>,
+    pub(super) start: Instant,
+}
+
 impl Run<'_> {
     /// Reads the files of a node. If one of them has changed since the node's key was computed, returns the new hashes instead.
     pub(super) fn load(&self, node: &GraphNode, parts: &Parts) -> Result<LoadedFiles, Error> {
@@ -41,7 +50,7 @@ impl Run<'_> {
         Ok(LoadedFiles::Files(paths.zip(files).collect()))
     }
 
-    /// Runs a node, compares its result with `known`, stores the result and reports the event. Returns `Some(None)` if the node fails, and
+    /// Runs a node, and [records](Self::record) its result. Returns `Some(None)` if the node fails, and
     /// `None` if the node has to wait for memory.
     pub(super) fn compute(
         &self,
@@ -86,6 +95,21 @@ impl Run<'_> {
             Ok(outcome) => Arc::new(outcome),
             Err(error) => return Some(self.fail(index, error.into())),
         };
+        let computed = Computed { outcome, values: Some(values), estimate, start };
+        Some(Some(self.record(index, parts, key, known, computed)))
+    }
+
+    /// Compares a new result with `known`, stores it, and reports the event.
+    pub(super) fn record(
+        &self,
+        index: usize,
+        parts: Parts,
+        key: Hash,
+        known: Option<Arc<Outcome>>,
+        computed: Computed,
+    ) -> Arc<NodeRecord> {
+        let node = &self.graph.nodes()[index];
+        let Computed { outcome, values, estimate, start } = computed;
         let before = self.last_result(index);
         let differs = known.as_ref().is_some_and(|known| !known.equals(&outcome));
         let reason = match (&known, before) {
@@ -94,38 +118,43 @@ impl Run<'_> {
             (_, Some(before)) => parts.change(&before.parts).map_or(Reason::Lost, Reason::Changed),
         };
         let same = before.is_some_and(|before| before.outcome.equals(&outcome));
-        self.evaluator.cache.keep(key, outcome.clone());
-        let is_kept = match self.evaluator.writable_disk() {
+        if values.is_some() {
+            self.evaluator.cache.keep(key, outcome.clone());
+        }
+        let is_kept = match (self.evaluator.writable_disk(), &values) {
             // Do not store the elements of a loop: they can be cut from the cached data again at no cost.
             _ if node.kind() == ELEMENTS => false,
-            Some(disk) => {
+            (Some(disk), Some(values)) => {
                 let is_new = self.plan.tasks[index] == Task::Look && known.is_none();
-                let is_kept = disk.keep(key, node.kind(), &outcome, &values, is_new);
+                let is_kept = disk.keep(key, node.kind(), &outcome, values, is_new);
                 if differs && !is_kept {
                     disk.remove(key);
                 }
                 is_kept
             }
-            None => {
+            (None, Some(_)) => {
                 outcome.mark_unsaved();
                 false
             }
+            (_, None) => false,
         };
         if self.evaluator.is_verifying() {
             lock(&self.evaluator.verified).insert(key);
         }
         self.set_new(index, is_kept && !same && known.is_none());
-        self.hold(index, &values);
+        if let Some(values) = &values {
+            self.hold(index, values);
+        }
         self.report(NodeEvent {
             unchanged: same,
             differs,
             start: start.duration_since(self.start).as_secs_f64(),
-            seconds,
+            seconds: outcome.seconds,
             estimate: estimate.map(|estimate| estimate.bytes),
             thread: rayon::current_thread_index().unwrap_or(0),
             ..NodeEvent::new(index, State::Computed, reason)
         });
-        Some(Some(Arc::new(NodeRecord { parts, key, outcome })))
+        Arc::new(NodeRecord { parts, key, outcome })
     }
 
     /// Returns the node's own estimate of the memory that it needs, or `None` if the node gives no estimate.
@@ -136,7 +165,7 @@ impl Run<'_> {
         files: &BTreeMap<PathBuf, Option<File>>,
     ) -> Result<Option<Estimate>, Error> {
         let node = &self.graph.nodes()[index].node;
-        Ok(self.call_node(index, inputs, files, |cx| Ok(node.estimate(cx)))?.0)
+        Ok(self.call_node(index, inputs, files, None, |cx| Ok(node.estimate(cx)))?.0)
     }
 
     /// Adds to an error the size of the inputs for which the memory would suffice.
@@ -218,7 +247,7 @@ impl Run<'_> {
         }
         let node = &self.graph.nodes()[index];
         lock(&self.running).insert(index);
-        let done = self.call_node(index, inputs, files, |cx| {
+        let done = self.call_node(index, inputs, files, None, |cx| {
             self.evaluator.guards.check(self.graph, node, cx.inputs)?;
             work(&*node.node, cx)
         });
@@ -226,13 +255,14 @@ impl Run<'_> {
         done
     }
 
-    /// Calls `work`, which runs code of a node, with the given inputs and files. Returns its result and the warnings of the node. A panic
+    /// Calls `work`, which runs code of a node, with the given inputs and files, or a block in place of a file. Returns its result and the warnings of the node. A panic
     /// becomes an error.
-    fn call_node<R>(
+    pub(super) fn call_node<R>(
         &self,
         index: usize,
         inputs: &[Values],
         files: &BTreeMap<PathBuf, Option<File>>,
+        block: Option<&PointBlock>,
         work: impl FnOnce(&Context<'_>) -> Result<R, Error>,
     ) -> Result<(R, Vec<String>), Error> {
         let node = &self.graph.nodes()[index];
@@ -257,6 +287,7 @@ impl Run<'_> {
             progress: Progress { report: Some(&report), cancel: Some(self.cancel) },
             memos: Some(&self.evaluator.cache),
             readers: self.graph.readers(),
+            block,
             warnings: Mutex::default(),
         };
         let result = catch_panic(|| self.cancel.stops(|| work(&cx))?)?;

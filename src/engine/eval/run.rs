@@ -13,6 +13,7 @@ use maquette_syntax::error::Error;
 use maquette_value::parallel::detached;
 use maquette_value::{AnyValue, Hash};
 
+use super::blocks::streamed_nodes;
 use super::cache::{FirstBytes, Outcome, Values};
 use super::compute::LoadedFiles;
 use super::key::Parts;
@@ -69,6 +70,8 @@ pub(super) struct Run<'a> {
     pub(super) slots: Vec<Slot>,
     pub(super) events: Mutex<Vec<NodeEvent>>,
     pub(super) memory: Memory,
+    /// For each node, true if its points are streamed; empty if none are.
+    pub(super) streamed: Vec<bool>,
     /// The nodes that are running at present.
     pub(super) running: Mutex<BTreeSet<usize>>,
     /// The keys whose results are being computed. Each has a list of other nodes with that key, which wait for the result.
@@ -140,6 +143,7 @@ impl<'a> Run<'a> {
             slots,
             events: Mutex::default(),
             memory: Memory::new(evaluator.max_bytes),
+            streamed: streamed_nodes(graph, plan, values, evaluator.blocks),
             running: Mutex::default(),
             in_flight: Mutex::default(),
         };
@@ -270,7 +274,10 @@ impl<'a> Run<'a> {
             self.report(NodeEvent::new(index, State::Skipped, Reason::DependsOn(failed.node)));
             return Some((None, Vec::new()));
         }
-        let mut parts = match self.parts(node) {
+        if self.plan.tasks[index] == Task::Restore && self.is_streamed(index) {
+            return Some((self.result_of(index).cloned(), Vec::new()));
+        }
+        let mut parts = match self.parts(index) {
             Ok(parts) => parts,
             Err(error) => return Some((self.fail(index, error), Vec::new())),
         };
@@ -296,6 +303,15 @@ impl<'a> Run<'a> {
             if is_believed && let Some(outcome) = known.take() {
                 let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
                 return Some((Some(self.reuse(index, parts, key, outcome, ran_above)), waiters));
+            }
+            let in_blocks = self.compute_in_blocks(index, &parts);
+            if let Some(computed) = in_blocks {
+                let done = match computed {
+                    Ok(computed) => Some(self.record(index, parts, key, known, computed)),
+                    Err(error) => self.fail(index, error),
+                };
+                let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
+                return Some((done, waiters));
             }
             let done = match self.load(node, &parts) {
                 Ok(LoadedFiles::Files(files)) => {
@@ -323,7 +339,8 @@ impl<'a> Run<'a> {
     }
 
     /// Returns the parts of the node's key: everything from which the node is computed.
-    pub(super) fn parts(&self, node: &GraphNode) -> Result<Parts, Error> {
+    pub(super) fn parts(&self, index: usize) -> Result<Parts, Error> {
+        let node = &self.graph.nodes()[index];
         let inputs = node
             .links
             .iter()
@@ -331,7 +348,10 @@ impl<'a> Run<'a> {
                 self.result_of(link.node).map(|done| done.outcome.outputs[link.output].1)
             })
             .collect();
-        let files = node.files.iter().map(|file| self.files.hash(file));
+        let files = node.files.iter().map(|file| match self.is_streamed(index) {
+            true => self.files.hash_in_pieces(file).map(Some),
+            false => self.files.hash(file),
+        });
         Ok(Parts { recipe: node.recipe.clone(), inputs, files: files.collect::<Result<_, _>>()? })
     }
 

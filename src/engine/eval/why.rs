@@ -189,7 +189,7 @@ impl Run<'_> {
                 Some(_) => (Outlook::MayRun, Reason::Unread(file)),
             };
         }
-        let mut parts = match self.parts(node) {
+        let mut parts = match self.parts(index) {
             Ok(parts) => parts,
             Err(error) => return (Outlook::Fails, Reason::Error(error.to_string())),
         };

@@ -28,6 +28,11 @@ impl<'a> Body<'a> {
         Self { encoding: header.encoding, bytes, next, last: next, line }
     }
 
+    /// Reads rows without the header before them.
+    pub(super) fn of_rows(header: &Header, bytes: &'a [u8]) -> Self {
+        Self { next: 0, last: 0, ..Self::new(header, bytes) }
+    }
+
     /// Returns the position of the last number that was read.
     pub(super) fn position(&self) -> FilePosition {
         match self.encoding {

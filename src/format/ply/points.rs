@@ -1,6 +1,6 @@
 //! Writes values without faces: points, regions, range images, handles and curves.
 
-use maquette_node::importers::{FileReader, InputFile};
+use maquette_node::importers::{FileReader, InputFile, ReadBlocks};
 use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error::Error;
 use maquette_value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
@@ -121,6 +121,7 @@ impl FileReader for PointsPly {
     type Value = Points;
     const EXTENSIONS: &'static [&'static str] = &["ply"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_PLY;
+    const BLOCKS: Option<ReadBlocks> = Some(super::blocks::read_blocks);
     const SIZE: crate::SizeReader = Some(super::size::points);
 
     fn read(file: &InputFile<'_>) -> Result<Points, Error> {

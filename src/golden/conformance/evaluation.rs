@@ -77,6 +77,7 @@ pub(super) fn call_with_context<R>(
         progress,
         memos: None,
         readers: &readers,
+        block: None,
         warnings: Mutex::default(),
     };
     let result = catch_unwind(AssertUnwindSafe(|| work(&cx)));

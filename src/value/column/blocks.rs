@@ -117,9 +117,53 @@ fn block(items: usize, bytes: &[u8], index: usize) -> ChainingValue {
     let bytes = &bytes[begin..end.min(bytes.len())];
     match index {
         0 => start(items).update(bytes).finalize_non_root(),
-        _ => {
-            Hasher::new().set_input_offset((index * BLOCK) as u64).update(bytes).finalize_non_root()
+        _ => later_block(bytes, index),
+    }
+}
+
+/// The hash of a block that is not the first one. `bytes` are the bytes of the block.
+fn later_block(bytes: &[u8], index: usize) -> ChainingValue {
+    Hasher::new().set_input_offset((index * BLOCK) as u64).update(bytes).finalize_non_root()
+}
+
+/// Computes the hash of a column that is never in memory as a whole. Keeps 32 bytes for each 16 KiB of the column.
+#[derive(Default)]
+pub(crate) struct ColumnHasher {
+    items: usize,
+    /// The bytes of the first block, whose hash depends on the number of items.
+    first: Vec<u8>,
+    /// The hashes of the full blocks after the first one.
+    later: Vec<ChainingValue>,
+    /// The bytes after these blocks.
+    rest: Vec<u8>,
+}
+
+impl ColumnHasher {
+    /// Appends items to the column. `bytes` are the bytes of the items.
+    pub(crate) fn push(&mut self, items: usize, bytes: &[u8]) {
+        self.items += items;
+        let (first, bytes) = bytes.split_at(bytes.len().min(BLOCK - HEADER - self.first.len()));
+        self.first.extend_from_slice(first);
+        self.rest.extend_from_slice(bytes);
+        let full = self.rest.len() - self.rest.len() % BLOCK;
+        let next = 1 + self.later.len();
+        let blocks = self.rest[..full].par_chunks(BLOCK).enumerate();
+        let hashes: Vec<_> = blocks.map(|(k, block)| later_block(block, next + k)).collect();
+        self.later.extend(hashes);
+        self.rest.drain(..full);
+    }
+
+    /// The hash of the column.
+    pub(crate) fn finish(mut self) -> Hash {
+        if self.later.is_empty() && self.rest.is_empty() {
+            return Hash(*start(self.items).update(&self.first).finalize().as_bytes());
         }
+        if !self.rest.is_empty() {
+            self.later.push(later_block(&self.rest, 1 + self.later.len()));
+        }
+        let first = start(self.items).update(&self.first).finalize_non_root();
+        let blocks: Vec<_> = [first].into_iter().chain(self.later).collect();
+        Blocks(blocks.into()).root()
     }
 }
 
@@ -168,6 +212,18 @@ mod tests {
         for length in [0, 1, 100].into_iter().chain(lengths()) {
             let bytes = bytes(length);
             assert_eq!(in_blocks(length, &bytes), in_one_piece(length, &bytes), "{length}");
+        }
+    }
+
+    #[test]
+    fn a_column_in_pieces_has_the_hash_of_the_whole_column() {
+        for length in [0, 1, 100].into_iter().chain(lengths()) {
+            let bytes = bytes(length);
+            for piece in [length.max(1), BLOCK, 1000, 70_001] {
+                let mut hasher = ColumnHasher::default();
+                bytes.chunks(piece).for_each(|piece| hasher.push(piece.len(), piece));
+                assert_eq!(hasher.finish(), in_one_piece(length, &bytes), "{length} {piece}");
+            }
         }
     }
 

@@ -94,6 +94,7 @@ fn evaluate_node(graph: &Graph, node: &GraphNode, before: &[Truth]) -> Truth {
         progress: Progress::silent(),
         memos: None,
         readers: graph.readers(),
+        block: None,
         warnings: Mutex::default(),
     };
     match catch_unwind(AssertUnwindSafe(|| node.node.eval(&cx))) {

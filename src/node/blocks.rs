@@ -1,0 +1,39 @@
+//! Points in blocks, of which only a part is in memory at a time.
+
+use std::sync::OnceLock;
+
+use maquette_syntax::error::Error;
+use maquette_value::Points;
+
+use crate::importers::{ColorRange, NotInBlocks};
+
+/// How a node handles points of which only a part is in memory at a time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Blocks {
+    /// The node needs all points at once.
+    #[default]
+    Whole,
+    /// The result of joined points is the joined results of the points: `eval(a + b) = eval(a) + eval(b)`.
+    Each,
+    /// The result of joined points follows from the results of the points: `eval(a + b) = eval(eval(a) + eval(b))`. The memory needed is a
+    /// small multiple of that of the result.
+    Merged,
+}
+
+/// The points that [`Context::read`](crate::Context::read) returns to a node that reads a file block by block.
+#[derive(Default)]
+#[doc(hidden)]
+pub struct PointBlock {
+    /// The block. `None` in a first call, which only determines the range of colors.
+    pub points: Option<Points>,
+    /// The range of colors with which the node reads the file; unset before it does.
+    pub color_range: OnceLock<Option<ColorRange>>,
+}
+
+impl PointBlock {
+    /// Records the range of colors, and returns the block.
+    pub(crate) fn read(&self, range: Option<ColorRange>) -> Result<&Points, Error> {
+        self.color_range.get_or_init(|| range);
+        self.points.as_ref().ok_or_else(|| NotInBlocks.into())
+    }
+}
