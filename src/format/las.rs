@@ -27,10 +27,10 @@ pub fn read(bytes: &[u8]) -> Result<Points, Error> {
     }
     let body = &bytes[layout.start..][..layout.count * layout.record];
     // The crate `las` copies the records; blocks keep the copies small.
-    let blocks = || body.chunks(BLOCK_LEN * layout.record).map(|it| layout.decode(it.to_vec()));
+    let blocks = body.chunks(BLOCK_LEN * layout.record).map(|it| layout.decode(it.to_vec()));
     let mut summary = Summary::new(&layout);
-    let _ = blocks().try_for_each(|block| summary.add(&block));
-    summary.points(blocks(), layout.count)
+    let _ = blocks.clone().try_for_each(|block| summary.add(&block));
+    summary.points(blocks, layout.count)
 }
 
 /// The number of points that are decoded at a time.
@@ -92,12 +92,11 @@ impl Summary {
         blocks: impl Iterator<Item = PointData>,
         count: usize,
     ) -> Result<Points, Error> {
-        let reserve = |is_there: bool| if is_there { count } else { 0 };
         let has_colors = self.max_channel > 0;
         let mut positions = Vec::with_capacity(count);
-        let mut colors = Vec::with_capacity(reserve(has_colors));
-        let mut intensities = Vec::with_capacity(reserve(self.has_intensities));
-        let mut classes = Vec::with_capacity(reserve(self.has_classes));
+        let mut colors = Vec::with_capacity(count * usize::from(has_colors));
+        let mut intensities = Vec::with_capacity(count * usize::from(self.has_intensities));
+        let mut classes = Vec::with_capacity(count * usize::from(self.has_classes));
         let shift = if self.max_channel < 256 { 0 } else { 8 };
         for data in blocks {
             let xyz = data.x().zip(data.y()).zip(data.z());

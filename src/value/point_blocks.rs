@@ -66,16 +66,16 @@ impl PointsHasher {
     /// # Errors
     /// If its attributes have other names or types than those of the first block.
     pub fn push(&mut self, block: &Points) -> Result<(), BlocksDiffer> {
-        let attributes = || block.attributes().iter();
+        let attributes = block.attributes();
         let known = self.attributes.get_or_insert_with(|| {
-            let each = attributes();
+            let each = attributes.iter();
             each.map(|(name, it)| (name.to_owned(), it.tag(), ColumnHasher::default())).collect()
         });
         let same = known.iter().map(|(name, tag, _)| (name.as_str(), *tag));
-        if !same.eq(attributes().map(|(name, attribute)| (name, attribute.tag()))) {
+        if !same.eq(attributes.iter().map(|(name, attribute)| (name, attribute.tag()))) {
             return Err(BlocksDiffer);
         }
-        for ((_, _, hasher), (_, attribute)) in known.iter_mut().zip(attributes()) {
+        for ((_, _, hasher), (_, attribute)) in known.iter_mut().zip(attributes.iter()) {
             let column = attribute.column();
             hasher.push(column.items(), column.bytes());
         }

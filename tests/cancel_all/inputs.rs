@@ -61,7 +61,7 @@ pub(super) const NODES: &[&str] = &[
     r#"Knots(net: "net", along: V, kind: Chord)"#,
     r#"Nurbs(net: "net")"#,
     r#"FitSurface(net: "net")"#,
-    r#"FitSurface(net: "net", method: Lspia(rows: 200, columns: 200, iterations: 1000))"#,
+    r#"FitSurface(net: "net", method: Lspia(rows: 40, columns: 40, iterations: 1000))"#,
     r#"Tessellate(surface: "surface", u: SIDE, v: SIDE)"#,
     r#"Tessellate(surface: "surface", tolerance: 0.01)"#,
     r#"Blend(range: "scan", region: "region", surface: "region-surface")"#,
@@ -316,7 +316,8 @@ fn curve(points: usize) -> Curve {
     let points = (0..points).map(|at| {
         let angle = std::f64::consts::TAU * at as f64 / count;
         let (sin, cos) = libm::sincos(angle);
-        Point3::new(25.0 + 4.0 * cos, 4.0 * sin, 0.02 * libm::sin(25.0 * angle))
+        let radius = 4.0 + 0.02 * libm::sin(25.0 * angle);
+        Point3::new(25.0 + radius * cos, radius * sin, 0.0)
     });
     Curve::polyline(points.collect::<Vec<_>>(), true).unwrap()
 }

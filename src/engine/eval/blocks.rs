@@ -54,16 +54,8 @@ pub(super) fn streamed_nodes(
         if plan.tasks[index] == Task::None || node.node.blocks() != Blocks::Each {
             continue;
         }
-        let is_large = || match &node.files[..] {
-            [file] => {
-                read_blocks_of(graph, file).is_some()
-                    && std::fs::metadata(&file.path)
-                        .is_ok_and(|metadata| options.min_file_size <= metadata.len())
-            }
-            _ => false,
-        };
         let has_source = if node.links.is_empty() {
-            is_large()
+            matches!(&node.files[..], [file] if is_large(graph, file, options.min_file_size))
         } else {
             streamed_slot(graph, &streamed, index).is_some()
         };
@@ -76,6 +68,12 @@ pub(super) fn streamed_nodes(
         }
     }
     streamed
+}
+
+/// Returns true if the file can be read in blocks and has at least `min_size` bytes.
+fn is_large(graph: &Graph, file: &NodeFile, min_size: u64) -> bool {
+    let metadata = read_blocks_of(graph, file).and_then(|_| std::fs::metadata(&file.path).ok());
+    metadata.is_some_and(|metadata| min_size <= metadata.len())
 }
 
 /// Returns the function that reads the file in blocks, if there is one. Files with companions are read as a whole.
@@ -118,9 +116,10 @@ impl Run<'_> {
     ) -> Option<Result<Computed, Error>> {
         let slot = streamed_slot(self.graph, &self.streamed, index);
         let source = slot.map(|slot| self.graph.nodes()[index].links[slot].node);
-        let is_in_memory =
-            |source| self.result_of(source).is_some_and(|done| done.outcome.has_values());
-        if !self.is_streamed(index) && source.is_none_or(is_in_memory) {
+        let is_read_again = source.is_some_and(|source| {
+            self.result_of(source).is_none_or(|done| !done.outcome.has_values())
+        });
+        if !self.is_streamed(index) && !is_read_again {
             return None;
         }
         let start = Instant::now();

@@ -255,8 +255,8 @@ impl Run<'_> {
         done
     }
 
-    /// Calls `work`, which runs code of a node, with the given inputs and files, or a block in place of a file. Returns its result and the warnings of the node. A panic
-    /// becomes an error.
+    /// Calls `work`, which runs code of a node, with the given inputs and files, or a block in place of a file. Returns its result and the
+    /// warnings of the node. A panic becomes an error.
     pub(super) fn call_node<R>(
         &self,
         index: usize,
