@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use maquette_engine::eval::{NodeNeeds, RunNeeds};
+use maquette_engine::eval::needs::{NodeNeeds, RunNeeds};
 use maquette_graph::Graph;
 use maquette_node::{Certainty, ValueSize};
 use maquette_syntax::error::Diagnostic;

@@ -5,7 +5,6 @@
 //! cached result is not computed again. Independent nodes run in parallel. If a node fails, only the nodes that depend on it fail, too.
 
 use std::collections::HashSet;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 
@@ -15,7 +14,6 @@ use maquette_node::budget::MemoryError;
 use maquette_node::pack::{Content, NewFile};
 use maquette_node::provenance::Signature;
 use maquette_node::{CancelToken, ReadError};
-use maquette_syntax::error::panic_message;
 use maquette_syntax::error::{Diagnostic, Error, Severity, code};
 use maquette_value::{AnyValue, Hash};
 
@@ -23,32 +21,36 @@ mod blocks;
 mod cache;
 mod compute;
 mod disk;
+mod fitting_size;
 mod guard;
 mod key;
 #[cfg(test)]
 mod law;
 mod memory;
-mod needs;
+pub mod needs;
+mod panics;
 mod plan;
 mod preflight;
 mod run;
 mod snapshot;
+mod streamed;
 mod timing;
 mod trace;
 mod watchdog;
 mod why;
 
-use blocks::BlockOptions;
 use cache::{Cache, Values};
 use compute::FileChangedError;
 pub use disk::this_is_a_program;
 pub use disk::{CacheFault, Diagnosis, Disk, DiskError, NodeSize, Sizes, Usage};
 use guard::{Guards, UnmetRequirement};
 pub use maquette_remote::RequestCounts;
-pub use needs::{NodeNeeds, RunNeeds};
+use panics::Panic;
+pub(crate) use panics::catch_panic;
 use plan::Plan;
 use run::{NodeEvent, Run};
 use snapshot::Snapshot;
+use streamed::BlockOptions;
 use trace::Reason;
 pub use trace::{NodeTrace, RunTrace, State};
 pub use why::LastResult;
@@ -302,12 +304,6 @@ impl Evaluation {
     }
 }
 
-/// Runs code of a node or file format, and turns a panic of that code into an error.
-pub(crate) fn catch_panic<T>(does: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
-    let done = catch_unwind(AssertUnwindSafe(does));
-    done.unwrap_or_else(|panic| Err(Panic(panic_message(&*panic)).into()))
-}
-
 fn failure(node: &GraphNode, error: &Error) -> Diagnostic {
     if let Some(refused) = error.downcast::<UnmetRequirement>() {
         return refused.diagnostic(node);
@@ -334,11 +330,6 @@ fn difference(node: &GraphNode) -> Diagnostic {
         "this is a bug in the node: equal inputs must give equal bytes; the new result is used";
     node.diagnostic(Severity::Error, code::NOT_PURE, message, help)
 }
-
-/// The error that code of a node or file format panicked. Such a panic is a bug in this program or in a pack.
-#[derive(Clone, Debug, thiserror::Error)]
-#[error("panicked: {0}")]
-struct Panic(String);
 
 impl Evaluator {
     /// Creates an evaluator with `threads` threads (0 to 1024; 0 for one per processor) and at most `memory` bytes of cached results.
@@ -510,7 +501,7 @@ impl Evaluator {
         if let Some(disk) = self.writable_disk().filter(|_| self.has_unsaved) {
             found.save_unsaved(disk);
             disk.keep_snapshot(&found, self.files.get_all(graph.files()));
-            timing::store(&events, graph, &found, disk);
+            found.keep_timings(&events, graph, disk);
             self.has_unsaved = false;
         }
         let (nodes, wanted) = (graph.nodes().clone(), plan.wanted);

@@ -71,9 +71,10 @@ pub use maquette_diagram as diagram;
 pub use maquette_edit as edit;
 pub use maquette_edit::{Edit, EditedText, ExtractedGraph, Extraction, Merge, ValueChange};
 pub use maquette_engine::RequestCounts;
+pub use maquette_engine::eval::needs::{NodeNeeds, RunNeeds};
 pub use maquette_engine::eval::{
-    CacheFault, Diagnosis, Disk, DiskError, Evaluation, Evaluator, NodeNeeds, NodeTrace, Observer,
-    RunNeeds, RunTrace, State, ThreadsError, Usage, start_threads,
+    CacheFault, Diagnosis, Disk, DiskError, Evaluation, Evaluator, NodeTrace, Observer, RunTrace,
+    State, ThreadsError, Usage, start_threads,
 };
 pub use maquette_engine::session::{
     CacheFolder, CacheServer, OutputFile, OutputFolder, OutputReport, Run, RunResult, SaveError,

@@ -12,13 +12,14 @@ use maquette_syntax::error::{CancelledError, Error};
 use maquette_value::Hash;
 
 use super::cache::{Outcome, Values};
+use super::fitting_size::fitting_input;
 use super::key::Parts;
-use super::needs::fitting_input;
+use super::panics::catch_panic;
 use super::plan::Task;
 use super::run::{NodeEvent, Run, size};
 use super::snapshot::NodeRecord;
 use super::trace::Reason;
-use super::{State, catch_panic, lock};
+use super::{State, lock};
 
 /// The contents of the files that a node reads. If one of the files has changed since the node's key was computed, the new hashes of the
 /// files instead.

@@ -4,18 +4,20 @@
 //! ([`Node::forecast`](maquette_node::Node::forecast)). Where a node has no law, its outputs are taken to be as large as its largest input.
 
 use std::collections::HashMap;
+use std::path::Path;
 
 use maquette_graph::file_head::size_in_file;
 use maquette_graph::{Graph, GraphNode};
 use maquette_node::budget::{Estimate, MemoryError};
-use maquette_node::{AnyNode, Certainty, FilePath, Sizes, ValueSize};
+use maquette_node::{Certainty, FilePath, Sizes, ValueSize};
 use maquette_syntax::error::{Diagnostic, Severity, code};
 use maquette_value::ValueType;
 
+use super::Evaluator;
+use super::fitting_size::{fitting_size, forecast, largest};
 use super::memory::max_bytes;
-use super::timing::{Timings, bytes_of_files};
+use super::timing::{NOTE, Timings, bytes_of_files};
 use super::why::Forecast;
-use super::{Evaluator, catch_panic};
 
 /// The needs of a node.
 #[derive(Clone, Debug)]
@@ -26,7 +28,8 @@ pub struct NodeNeeds {
     pub state: &'static str,
     /// The size of each output; `None` for an unknown size.
     pub outputs: Vec<Option<ValueSize>>,
-    /// The memory in bytes that the node needs while it runs, with its results and files. 0 if it does not run, and `None` if it is unknown.
+    /// The memory in bytes that the node needs while it runs, with its results and files. 0 if it does not run, and `None` if it is
+    /// unknown.
     pub memory: Option<f64>,
     /// The time in seconds. 0 if the node does not run, and `None` if no such node has run on this machine.
     pub seconds: Option<f64>,
@@ -71,70 +74,15 @@ impl Known<'_> {
     }
 }
 
-/// Returns the size with which a node needs at most `limit` bytes, such as `give it at most 1 200 000 faces`. `memory` returns the memory in
-/// bytes for inputs of a fraction of their size, and `size` is the size of the largest input. `None` if no size is small enough.
-fn fitting_size(
-    memory: impl Fn(f64) -> Option<f64>,
-    size: ValueSize,
-    limit: f64,
-) -> Option<String> {
-    let (count, word) =
-        if size.faces > 0.0 { (size.faces, "faces") } else { (size.points, "points") };
-    let (mut fits, mut exceeds) = (0.0, 1.0);
-    for _ in 0..50 {
-        let middle = f64::midpoint(fits, exceeds);
-        if memory(middle)? <= limit { fits = middle } else { exceeds = middle }
-    }
-    let count = two_digits_below(count * fits);
-    (count >= 1.0).then(|| format!("give it at most {} {word}", grouped(count)))
-}
-
-/// Returns the size of the inputs with which a node needs at most `limit` bytes; see [`fitting_size`]. All inputs are made smaller by the
-/// same factor. `None` if the node has no law.
-pub(super) fn fitting_input(
-    node: &dyn AnyNode,
-    inputs: &[Option<ValueSize>],
-    limit: f64,
-) -> Option<String> {
-    let memory = |factor: f64| {
-        let inputs = |slot: usize| Some((*inputs.get(slot)?)?.scale(factor));
-        forecast(node, &Sizes { inputs: &inputs, files: &|_, _| None })?.memory.map(|it| it.bytes)
-    };
-    fitting_size(memory, largest(inputs)?, limit)
-}
-
-/// Returns the forecast of a node. `None` if it has no law. A panic of its code is reported when the node runs.
-fn forecast(node: &dyn AnyNode, sizes: &Sizes<'_>) -> Option<maquette_node::Forecast> {
-    catch_panic(|| Ok(node.forecast(sizes))).ok().flatten()
-}
-
-/// Returns the size that takes the most memory.
-fn largest(sizes: &[Option<ValueSize>]) -> Option<ValueSize> {
-    sizes.iter().flatten().copied().max_by(|a, b| a.bytes.total_cmp(&b.bytes))
-}
-
-/// Rounds down to two significant digits.
-fn two_digits_below(count: f64) -> f64 {
-    let mut unit = 1.0;
-    while count / unit >= 100.0 {
-        unit *= 10.0;
-    }
-    (count / unit).floor() * unit
-}
-
-/// Formats a whole number with spaces between groups of three digits.
-fn grouped(count: f64) -> String {
-    let digits = format!("{count:.0}");
-    let groups = digits.as_bytes().rchunks(3).rev().map(|group| String::from_utf8_lossy(group));
-    groups.collect::<Vec<_>>().join(" ")
-}
-
 impl Evaluator {
     /// Predicts the needs of the nodes `roots` and of all their dependencies, for a run that requests the values of the nodes `values`. Of
     /// large files only the headers are read.
     pub(crate) fn needs(&mut self, graph: &Graph, roots: &[usize], values: &[usize]) -> RunNeeds {
         let (forecasts, outcomes) = self.forecast_with_outcomes(graph, roots, values);
-        let timings = self.known_results().map(|disk| Timings::read(disk)).unwrap_or_default();
+        let timings = self
+            .known_results()
+            .map(|disk| Timings::read(disk.note(Path::new(NOTE))))
+            .unwrap_or_default();
         let mut sizes: HashMap<usize, Vec<Option<ValueSize>>> = HashMap::new();
         let max_bytes = max_bytes(self.max_bytes, &self.cache);
         let mut needs = RunNeeds { max_bytes, ..RunNeeds::default() };

@@ -13,13 +13,13 @@ use maquette_syntax::error::Error;
 use maquette_value::parallel::detached;
 use maquette_value::{AnyValue, Hash};
 
-use super::blocks::streamed_nodes;
 use super::cache::{FirstBytes, Outcome, Values};
 use super::compute::LoadedFiles;
 use super::key::Parts;
 use super::memory::Memory;
 use super::plan::{Plan, Task};
 use super::snapshot::{NodeRecord, VisitedNodes};
+use super::streamed::streamed_nodes;
 use super::trace::Reason;
 use super::{Evaluator, Observer, State, lock};
 
@@ -143,7 +143,7 @@ impl<'a> Run<'a> {
             slots,
             events: Mutex::default(),
             memory: Memory::new(evaluator.max_bytes),
-            streamed: streamed_nodes(graph, plan, values, evaluator.blocks),
+            streamed: streamed_nodes(graph, &plan.wanted, values, evaluator.blocks),
             running: Mutex::default(),
             in_flight: Mutex::default(),
         };

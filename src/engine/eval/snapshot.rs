@@ -1,15 +1,18 @@
 //! The last known results of a graph's nodes. Each has the parts from which it was computed.
 
 use std::collections::{HashMap, HashSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use maquette_graph::Graph;
 use maquette_value::Hash;
 
+use super::State;
 use super::cache::Outcome;
-use super::disk::Disk;
+use super::disk::{Disk, MIN_SECONDS_TO_KEEP};
 use super::key::Parts;
+use super::run::NodeEvent;
+use super::timing::{NOTE, Timings, bytes_of_files};
 
 /// A result of a node with its key. The result never becomes invalid, because the key covers everything from which it was computed.
 pub(super) struct NodeRecord {
@@ -40,6 +43,33 @@ pub(super) struct Snapshot {
 }
 
 impl Snapshot {
+    /// Stores the times of the nodes that an evaluation has computed. Times below a millisecond say little and are left out.
+    pub(super) fn keep_timings(&self, events: &[NodeEvent], graph: &Graph, disk: &Disk) {
+        let slow = events
+            .iter()
+            .filter(|event| event.state == State::Computed && event.seconds > MIN_SECONDS_TO_KEEP);
+        let timed: Vec<_> = slow
+            .filter_map(|event| {
+                let node = &graph.nodes()[event.index];
+                let inputs: f64 = node
+                    .links
+                    .iter()
+                    .filter_map(|link| self.current(link.node)?.outcome.sizes.get(link.output))
+                    .map(|size| size.bytes)
+                    .sum();
+                let made = self.current(event.index)?.outcome.bytes as f64;
+                Some((node.kind(), inputs + made + bytes_of_files(node), event.seconds))
+            })
+            .collect();
+        if timed.is_empty() || disk.write_error().is_some() {
+            return;
+        }
+        let note = Path::new(NOTE);
+        let mut timings = Timings::read(disk.note(note));
+        timed.into_iter().for_each(|(kind, work, seconds)| timings.insert(kind, work, seconds));
+        disk.keep_note(note, serde_json::to_vec(&timings).unwrap_or_default(), Vec::new());
+    }
+
     /// Returns the result that the node got in the last evaluation, or `None` if it was not requested or failed.
     pub(super) fn current(&self, index: usize) -> Option<&Arc<NodeRecord>> {
         self.results[index].as_ref().filter(|_| self.is_current[index])

@@ -1,18 +1,12 @@
 //! The times of earlier runs of nodes, from which a preflight predicts the time of a run. They are kept in the disk cache, for all graphs.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
-use maquette_graph::{Graph, GraphNode};
+use maquette_graph::GraphNode;
 use serde::{Deserialize, Serialize};
 
-use super::State;
-use super::disk::{Disk, MIN_SECONDS_TO_KEEP};
-use super::run::NodeEvent;
-use super::snapshot::Snapshot;
-
 /// The name of the note in the disk cache.
-const NOTE: &str = "@timings";
+pub(super) const NOTE: &str = "@timings";
 
 /// The last time of each node type, for each order of magnitude of the work. The work is the number of bytes that a node reads and makes.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -30,13 +24,12 @@ fn magnitude(work: f64) -> u32 {
 }
 
 impl Timings {
-    /// Reads the times that earlier processes have stored.
-    pub(super) fn read(disk: &Disk) -> Self {
-        let note = disk.note(Path::new(NOTE));
+    /// Reads the times that earlier processes have stored in a note. There are none if it cannot be read.
+    pub(super) fn read(note: Option<Vec<u8>>) -> Self {
         note.and_then(|note| serde_json::from_slice(&note).ok()).unwrap_or_default()
     }
 
-    fn insert(&mut self, kind: &str, work: f64, seconds: f64) {
+    pub(super) fn insert(&mut self, kind: &str, work: f64, seconds: f64) {
         let timings = self.0.entry(kind.to_owned()).or_default();
         timings.insert(magnitude(work), Timing { work, seconds });
     }
@@ -55,32 +48,6 @@ impl Timings {
 pub(super) fn bytes_of_files(node: &GraphNode) -> f64 {
     let sizes = node.files.iter().filter_map(|file| std::fs::metadata(&file.path).ok());
     sizes.map(|metadata| metadata.len() as f64).sum()
-}
-
-/// Stores the times of the nodes that an evaluation has computed. Times below a millisecond say little and are left out.
-pub(super) fn store(events: &[NodeEvent], graph: &Graph, snapshot: &Snapshot, disk: &Disk) {
-    let slow = events
-        .iter()
-        .filter(|event| event.state == State::Computed && event.seconds > MIN_SECONDS_TO_KEEP);
-    let timed: Vec<_> = slow
-        .filter_map(|event| {
-            let node = &graph.nodes()[event.index];
-            let inputs: f64 = node
-                .links
-                .iter()
-                .filter_map(|link| snapshot.current(link.node)?.outcome.sizes.get(link.output))
-                .map(|size| size.bytes)
-                .sum();
-            let made = snapshot.current(event.index)?.outcome.bytes as f64;
-            Some((node.kind(), inputs + made + bytes_of_files(node), event.seconds))
-        })
-        .collect();
-    if timed.is_empty() || disk.write_error().is_some() {
-        return;
-    }
-    let mut timings = Timings::read(disk);
-    timed.into_iter().for_each(|(kind, work, seconds)| timings.insert(kind, work, seconds));
-    disk.keep_note(Path::new(NOTE), serde_json::to_vec(&timings).unwrap_or_default(), Vec::new());
 }
 
 #[cfg(test)]

@@ -6,7 +6,8 @@ use maquette_graph::{Graph, KnownInputs};
 use maquette_syntax::error::Diagnostic;
 
 use super::{OutputFolder, Session, expected_of, inputs, outputs_of};
-use crate::eval::{Forecast, LastResult, RunNeeds, explanation};
+use crate::eval::needs::RunNeeds;
+use crate::eval::{Forecast, LastResult, explanation};
 use crate::expect;
 
 impl Session {
