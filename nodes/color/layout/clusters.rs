@@ -101,26 +101,36 @@ impl Clusters {
         Self { all, around, of_face: (0..mesh.faces().len() as u32).collect() }
     }
 
-    /// Merges all pairs of clusters each of which is the other's cheapest partner. Returns the number of pairs.
+    /// Merges pairs of clusters each of which is the other's cheapest partner: the cheaper half of all such pairs. Returns their number.
     ///
     /// These are also the pairs that are merged next if always the cheapest pair of all is merged, except where the merging of two clusters
     /// makes a third one cheaper for them: Murtagh, "A survey of recent advances in hierarchical clustering algorithms" (1983).
     pub(super) fn merge_cheapest(&mut self, criterion: &Criterion) -> usize {
         let still = &*self;
-        let partners: Vec<u32> = (0..self.all.len() as u32)
+        let (partners, costs): (Vec<u32>, Vec<f64>) = (0..self.all.len() as u32)
             .into_par_iter()
             .with_min_len(BATCH)
             .map(|own| still.cheapest(own, criterion))
-            .collect();
+            .unzip();
+        let is_mutual = |own: usize| {
+            partners.get(partners[own] as usize).is_some_and(|&back| back as usize == own)
+        };
+        let mut mutual: Vec<f64> =
+            (0..costs.len()).filter(|&own| is_mutual(own)).map(|own| costs[own]).collect();
+        let middle = mutual.len() / 2;
+        let most = match middle < mutual.len() {
+            true => *mutual.select_nth_unstable_by(middle, f64::total_cmp).1,
+            false => f64::INFINITY,
+        };
         // The clusters that stay, and the new index of each cluster.
         let (mut firsts, mut names) = (Vec::new(), vec![0; self.all.len()]);
         for (own, &partner) in (0u32..).zip(&partners) {
-            let is_mutual = partner != NONE && partners[partner as usize] == own;
-            if is_mutual && partner < own {
+            let is_merged = is_mutual(own as usize) && costs[own as usize] <= most;
+            if is_merged && partner < own {
                 names[own as usize] = names[partner as usize];
             } else {
                 names[own as usize] = firsts.len() as u32;
-                firsts.push([own, if is_mutual { partner } else { NONE }]);
+                firsts.push([own, if is_merged { partner } else { NONE }]);
             }
         }
         let (names, firsts) = (&names, &firsts);
@@ -154,8 +164,8 @@ impl Clusters {
         list.binary_search_by_key(&other, |entry| entry.0).map_or(0.0, |index| list[index].1)
     }
 
-    /// Returns the neighbor with which it is cheapest to merge a cluster; `NONE` if all results would be too bent.
-    fn cheapest(&self, own: u32, criterion: &Criterion) -> u32 {
+    /// Returns the neighbor with which it is cheapest to merge a cluster, and the cost; `NONE` if all results would be too bent.
+    fn cheapest(&self, own: u32, criterion: &Criterion) -> (u32, f64) {
         let cluster = &self.all[own as usize];
         let mut best = (f64::INFINITY, 0, NONE);
         for &(other, border) in self.around.list(own as usize) {
@@ -167,7 +177,7 @@ impl Clusters {
                 best = (cost, hash, other);
             }
         }
-        best.2
+        (best.2, best.0)
     }
 }
 
