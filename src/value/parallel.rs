@@ -27,8 +27,6 @@ mod sources;
 mod span;
 mod stop;
 
-use stop::Computation;
-
 pub use adaptors::{Adapted, Zip};
 pub use collect::FromParallel;
 pub use meter::Meter;
@@ -37,6 +35,7 @@ pub use sources::{
     VecItems,
 };
 pub use span::{WorkSpan, finish_span, start_span};
+use stop::Computation;
 pub use stop::{StopFlag, StoppableIter, UntilStopped, caught, check_stop, detached, stoppable};
 
 /// The maximum number of parts of a loop over up to two million items: enough parts that no thread waits long for the last one, and few
