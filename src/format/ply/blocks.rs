@@ -2,15 +2,32 @@
 
 use std::io::{BufRead, BufReader, Read, SeekFrom};
 
-use maquette_node::importers::{BlockFile, NotInBlocks};
+use maquette_node::importers::{BlockFile, FileReader, InputFile, NotInBlocks, ReadBlocks};
 use maquette_syntax::error::Error;
 use maquette_value::Points;
 
 use super::body::Body;
 use super::header::{self, Element, Encoding, Header, Scalar};
+use super::points::PointsPly;
 use super::points_of;
 use super::table::Table;
 use crate::colors::ColorRange;
+use crate::finite;
+
+impl FileReader for PointsPly {
+    type Value = Points;
+    const EXTENSIONS: &'static [&'static str] = &["ply"];
+    const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_PLY;
+    const BLOCKS: Option<ReadBlocks> = Some(read_blocks);
+    const SIZE: crate::SizeReader = Some(super::size::points);
+
+    fn read(file: &InputFile<'_>) -> Result<Points, Error> {
+        let (points, left_out, notes) = super::read_finite(file.bytes(), file.color_range())?;
+        notes.into_iter().for_each(|note| file.warn(note));
+        finite::warn_left_out(file, left_out, "point");
+        Ok(points)
+    }
+}
 
 /// Reads the points in blocks, if vertices are the only rows of the file, and they have no lists.
 pub(super) fn read_blocks(

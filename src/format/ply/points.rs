@@ -1,6 +1,5 @@
 //! Writes values without faces: points, regions, range images, handles and curves.
 
-use maquette_node::importers::{FileReader, InputFile, ReadBlocks};
 use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error::Error;
 use maquette_value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
@@ -9,7 +8,7 @@ use super::no_faces;
 use super::write::encode;
 use crate::rows::{floats, indices};
 use crate::upright::upright_points;
-use crate::{check_single, finite, precision_note};
+use crate::{check_single, precision_note};
 
 /// Writes the points of a region.
 pub(crate) struct RegionPly;
@@ -114,21 +113,6 @@ impl FileFormat for CurvePly {
             bytes.extend_from_slice(indices(ends).as_flattened());
         }
         Ok(NewFile::single(name, bytes))
-    }
-}
-
-impl FileReader for PointsPly {
-    type Value = Points;
-    const EXTENSIONS: &'static [&'static str] = &["ply"];
-    const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_PLY;
-    const BLOCKS: Option<ReadBlocks> = Some(super::blocks::read_blocks);
-    const SIZE: crate::SizeReader = Some(super::size::points);
-
-    fn read(file: &InputFile<'_>) -> Result<Points, Error> {
-        let (points, left_out, notes) = super::read_finite(file.bytes(), file.color_range())?;
-        notes.into_iter().for_each(|note| file.warn(note));
-        finite::warn_left_out(file, left_out, "point");
-        Ok(points)
     }
 }
 
