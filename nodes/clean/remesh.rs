@@ -32,7 +32,7 @@ pub struct Remesh {
     /// The surface.
     pub mesh: In<Mesh>,
     /// Target length of edges in mm; most edges are between four fifths and four thirds of it. 0 takes the mean length of the existing
-    /// edges.
+    /// edges. If many edges would run through thin walls, they are shorter, and a warning says how long.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub length: f64,

@@ -15,9 +15,6 @@ pub enum Blocks {
     Whole,
     /// The result of joined points is the joined results of the points: `eval(a + b) = eval(a) + eval(b)`.
     Each,
-    /// The result of joined points follows from the results of the points: `eval(a + b) = eval(eval(a) + eval(b))`. The memory needed is a
-    /// small multiple of that of the result.
-    Merged,
 }
 
 /// The points that [`Context::read`](crate::Context::read) returns to a node that reads a file block by block.

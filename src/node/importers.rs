@@ -45,7 +45,7 @@ pub trait FileReader {
     /// A function that reads the points of a large file in blocks; `None` if the format does not allow it. Only for readers of points
     /// without companions.
     const BLOCKS: Option<ReadBlocks> = None;
-    /// A function that tells the size of the value from the first bytes of a file and its length. It returns `None` if they do not tell.
+    /// A function that returns the size of the value from the first bytes of a file and its length, or `None` if they do not determine it.
     /// `None` if the format does not state sizes. The function must never panic.
     const SIZE: Option<fn(&FileHead<'_>) -> Option<ValueSize>> = None;
 }
@@ -318,7 +318,7 @@ impl Readers {
         of_points.filter(|reader| reader.extensions.contains(&extension)).find_map(|it| it.blocks)
     }
 
-    /// Returns the size of the value of type `kind` in a file. `None` if the start of the file does not tell it.
+    /// Returns the size of the value of type `kind` in a file. `None` if the start of the file does not determine it.
     #[doc(hidden)]
     pub fn size(&self, kind: &ValueType, head: &FileHead<'_>) -> Option<ValueSize> {
         let mut readers = self.0.iter().filter(|reader| reader.kind() == kind);

@@ -12,7 +12,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use maquette_node::importers::BlockFile;
-use maquette_node::{Blocks, CancelledError, NotInBlocks, PointBlock};
+use maquette_node::{CancelledError, NotInBlocks, PointBlock};
 use maquette_syntax::error::Error;
 use maquette_value::fs::open;
 use maquette_value::{AnyValue, Points, PointsHasher};
@@ -90,37 +90,18 @@ impl Run<'_> {
         index: usize,
         start: Instant,
     ) -> Result<(Outcome, Option<Values>), Error> {
-        let is_merged = self.graph.nodes()[index].node.blocks() == Blocks::Merged;
-        let (mut blocks, mut merged_len, mut len) = (Vec::new(), 0, 0);
+        let mut blocks = Vec::new();
         self.push_blocks(index, index, &mut |block| {
-            let block = points_of(&block)?.clone();
-            len += block.positions().len();
-            blocks.push(block);
-            // Merge when as many points have come as there were, so that each point is merged a few times at most.
-            if is_merged && 2 * merged_len + self.evaluator.blocks.block_len < len {
-                let merged = self.merge(index, &blocks)?;
-                len = points_of(&merged)?.positions().len();
-                merged_len = len;
-                blocks = vec![points_of(&merged)?.clone()];
-            }
+            blocks.push(points_of(&block)?.clone());
             Ok(())
         })?;
-        let value = match is_merged {
-            true => self.merge(index, &blocks)?,
-            false => AnyValue::new(Points::concat(&blocks)?),
-        };
-        if points_of(&value)?.positions().is_empty() {
+        let points = Points::concat(&blocks)?;
+        if points.positions().is_empty() {
             return Err(NotInBlocks.into());
         }
-        let values: Values = [value].into();
+        let values: Values = [AnyValue::new(points)].into();
         let outcome = Outcome::new(&values, Vec::new(), start.elapsed().as_secs_f64());
         Ok((outcome, Some(values)))
-    }
-
-    /// Evaluates a node on its own results for several blocks.
-    fn merge(&self, index: usize, blocks: &[Points]) -> Result<AnyValue, Error> {
-        let all = AnyValue::new(Points::concat(blocks)?);
-        self.eval_block(index, &all)
     }
 
     /// Evaluates a node on a block of the points that a streamed node computes.
@@ -167,7 +148,7 @@ impl Run<'_> {
         let eval = |block: &PointBlock| {
             self.call_node(index, &[], &none, Some(block), |cx| node.node.eval(cx))
         };
-        // The first call only tells the range of colors.
+        // The first call only determines the range of colors.
         let probe = PointBlock::default();
         let _ = eval(&probe);
         let color_range = probe.color_range.get().copied().flatten();
